@@ -1,0 +1,32 @@
+# Everything runs in .venv, which is made at the first use. PYTHON=... chooses the Python for it.
+.DEFAULT_GOAL := help
+.PHONY: help setup demo test bench format clean
+MAKEFLAGS += --no-print-directory
+
+RUN := PATH="$(CURDIR)/.venv/bin:$$PATH"
+
+help:  ## this list
+	@sed -n 's/^\([a-z]*\):.*## /  make \1\t/p' Makefile
+
+setup:  ## make .venv, or bring it up to date (the others do this by themselves)
+	@PYTHON="$(PYTHON)" sh tools/setup.sh
+
+demo: setup  ## simulate, navigate, report: ARGS="..." is handed on
+	@$(RUN) python demo/run.py $(ARGS)
+
+test: setup  ## lint, types, tests: ARGS="..." is handed on to pytest
+	@$(RUN) ruff check
+	@$(RUN) ruff format --check
+	@$(RUN) mypy
+	@$(RUN) python -m pytest $(ARGS)
+
+bench: setup  ## measure accuracy and speed: ARGS="..." is handed on
+	@$(RUN) python bench/run.py $(ARGS)
+
+format: setup  ## format the code, repair what ruff can
+	@$(RUN) ruff check --fix-only --quiet
+	@$(RUN) ruff format
+
+clean:  ## remove .venv and everything that was built
+	@rm -rf .venv build install log *.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	@find . -name __pycache__ -type d -prune -exec rm -rf {} +

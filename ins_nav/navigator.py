@@ -1,0 +1,250 @@
+"""From IMU samples to a navigation solution: phases, alignment, mechanization.
+
+The one engine of the live node, `ins_process` and the tests. It knows no ROS: messages come as plain numbers,
+solutions leave as a `ins_nav.strapdown.State`.
+"""
+
+import enum
+import math
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from ins_nav import attitude, strapdown
+from ins_nav.coarse_alignment import Alignment, AlignmentError, CoarseAlignment
+from ins_nav.health import ERROR, INFO, WARN, Health
+from ins_nav.imu_stream import ImuStream
+from ins_nav.parameters import Value, checked_values
+
+_DEG_PER_HOUR = math.radians(1.0) / 3600.0
+_MILLI_G = 9.80665e-3
+_COARSE_GAP = 0.1
+"""s: a longer gap loses the attitude of a rocking base: coarse alignment begins again."""
+
+
+class Phase(enum.Enum):
+    """Where the navigator is."""
+
+    WAITING = "waiting"
+    COARSE = "coarse"
+    NAVIGATING = "navigating"
+
+
+class Navigator:
+    """Aligns, then navigates.
+
+    Parameters
+    ----------
+    overrides : mapping
+        Parameters that differ from `ins_nav.parameters.PARAMETERS`.
+
+    Attributes
+    ----------
+    phase : Phase
+    stamp_ns : int
+        Of the last sample taken.
+    state : State or None
+        The solution at ``stamp_ns``; None until navigating.
+    angular_velocity, specific_force : 3 floats
+        Of the last sample, on base_link's axes, biases removed; rad/s, m/s².
+    gyro_bias, accel_bias : 3 floats
+        In use, rad/s and m/s².
+    attitude_covariance : ndarray, shape (3, 3)
+        On east, north, up, at the end of alignment, rad².
+    map : MapFrame or None
+        East-north-up at the place of the alignment.
+    health : Health
+    stream : ImuStream
+
+    Raises
+    ------
+    ParameterError
+    """
+
+    def __init__(self, overrides: Mapping[str, object] | None = None) -> None:
+        values = checked_values(overrides or {})
+        self._values = values
+        self.health = Health()
+        self.stream = ImuStream(
+            self.health,
+            self._number("imu.max_angular_velocity"),
+            self._number("imu.max_linear_acceleration"),
+            self._number("imu.max_gap"),
+        )
+        self._instantaneous = values["imu.sampling"] == "instantaneous"
+        self._vertical = bool(values["navigation.vertical_channel"])
+        mounting = Rotation.from_euler("ZYX", self._vector("imu.mounting_rpy_deg")[::-1], degrees=True)
+        self._q_mounting = tuple(map(float, mounting.as_quat())) if mounting.magnitude() > 0.0 else None
+        self.gyro_bias = tuple(x * _DEG_PER_HOUR for x in self._vector("imu.gyro_bias_deg_per_hour"))
+        self.accel_bias = tuple(x * _MILLI_G for x in self._vector("imu.accel_bias_mg"))
+        self.gyro_bias_stddev = self._number("imu.gyro_bias_stddev_deg_per_hour") * _DEG_PER_HOUR
+        self.accel_bias_stddev = self._number("imu.accel_bias_stddev_mg") * _MILLI_G
+        heading = self._number("initial.heading_deg")
+        self._heading = None if math.isnan(heading) else math.radians(heading)
+        self._duration = self._number("alignment.duration" if self._heading is None else "alignment.level_duration")
+        self.angular_velocity = (0.0, 0.0, 0.0)
+        self.specific_force = (0.0, 0.0, 0.0)
+        self.stamp_ns = 0
+        self._begin()
+
+    def _number(self, name: str) -> float:
+        return float(self._values[name])  # type: ignore[arg-type]
+
+    def _vector(self, name: str) -> list[float]:
+        return list(self._values[name])  # type: ignore[arg-type]
+
+    def parameter(self, name: str) -> Value:
+        """Value in use of a parameter."""
+        return self._values[name]
+
+    def _begin(self) -> None:
+        """Before the first sample, and after a restart."""
+        self.phase = Phase.WAITING
+        self.state: strapdown.State | None = None
+        self.map: strapdown.MapFrame | None = None
+        self.attitude_covariance: NDArray[np.float64] = np.zeros((3, 3))
+        self._previous: strapdown.Sample | None = None
+        self._position: tuple[float, float, float] | None = None
+        latitude = self._number("initial.latitude_deg")
+        if not math.isnan(latitude):
+            longitude = math.radians(self._number("initial.longitude_deg"))
+            self._position = (math.radians(latitude), longitude, self._number("initial.height"))
+        self._align()
+
+    def _align(self) -> None:
+        self._alignment = CoarseAlignment(
+            self._duration, self.gyro_bias_stddev, self.accel_bias_stddev, self._number("alignment.max_speed")
+        )
+        self._waited_for_position = False
+
+    def align(self) -> str:
+        """Start alignment again, at the place of the present solution when there is one; says what happens now."""
+        if self.state is not None:
+            where = strapdown.geodetic(self.state)
+            self._position = (where.lat, where.lon, where.height)
+        self.state = None
+        self.phase = Phase.COARSE if self._previous is not None else Phase.WAITING
+        self._align()
+        return f"alignment started: stand still, or rock without travelling, for {self._duration:g} s"
+
+    @property
+    def progress(self) -> float:
+        """Share of the alignment done, 0 to 1."""
+        return 1.0 if self.phase is Phase.NAVIGATING else min(1.0, self._alignment.time / self._duration)
+
+    def add_fix(self, stamp_ns: int, status: int, latitude_deg: float, longitude_deg: float, height: float) -> None:
+        """Take a satellite fix (NavSatFix: status below 0 is no fix). The first valid one gives the position.
+
+        Parameters
+        ----------
+        stamp_ns : int
+        status : int
+        latitude_deg, longitude_deg : float
+        height : float
+            Ellipsoidal, m.
+        """
+        if status < 0:
+            self.health.note("no fix", INFO, "gnss/fix: no fix (status < 0)", stamp_ns)
+            return
+        if not (math.isfinite(latitude_deg) and math.isfinite(longitude_deg) and abs(latitude_deg) <= 90.0):
+            self.health.note(
+                "invalid fixes",
+                WARN,
+                f"gnss/fix: position ({latitude_deg}, {longitude_deg}) rejected: a receiver "
+                "without a fix must say so by status -1",
+                stamp_ns,
+            )
+            return
+        if self._position is None:
+            if not math.isfinite(height):
+                self.health.note("no height", WARN, "gnss/fix: altitude is not a number, taken as 0 m", stamp_ns)
+                height = 0.0
+            self._position = (math.radians(latitude_deg), math.radians(longitude_deg), height)
+
+    def add_imu(self, stamp_ns: int, wx: float, wy: float, wz: float, fx: float, fy: float, fz: float) -> bool:
+        """Take one IMU sample on the IMU's axes; True when there is a new solution.
+
+        Parameters
+        ----------
+        stamp_ns : int
+        wx, wy, wz, fx, fy, fz : float
+            Angular velocity, rad/s, and specific force, m/s².
+        """
+        if self._q_mounting is not None:
+            wx, wy, wz = attitude.rotate(self._q_mounting, wx, wy, wz)  # type: ignore[arg-type]
+            fx, fy, fz = attitude.rotate(self._q_mounting, fx, fy, fz)  # type: ignore[arg-type]
+        gx, gy, gz = self.gyro_bias
+        ax, ay, az = self.accel_bias
+        new = False
+        for stamp, item in self.stream.accept(stamp_ns, wx - gx, wy - gy, wz - gz, fx - ax, fy - ay, fz - az):
+            if isinstance(item, float):
+                self._begin()
+            else:
+                new = self._take(stamp, item)
+        return new
+
+    def _take(self, stamp_ns: int, sample: strapdown.Sample) -> bool:
+        previous = self._previous
+        self._previous = sample
+        self.stamp_ns = stamp_ns
+        self.angular_velocity = sample[1:4]
+        self.specific_force = sample[4:7]
+        if previous is None:
+            self.phase = Phase.COARSE
+            return False
+        if previous[0] == 0.0:
+            previous = (sample[0], *previous[1:])  # type: ignore[assignment]  # the first had no interval of its own
+        if self.state is not None:
+            self.state = strapdown.step(self.state, previous, sample, self._instantaneous, self._vertical)
+            return True
+        self._coarse(previous, sample)
+        return self.state is not None
+
+    def _coarse(self, previous: strapdown.Sample, sample: strapdown.Sample) -> None:
+        if sample[0] > max(_COARSE_GAP, 3.5 * self.stream.nominal):
+            self.health.note(
+                "alignment restarts",
+                WARN,
+                f"coarse alignment starts again after a gap of {sample[0]:.3f} s in imu/data_raw",
+                self.stamp_ns,
+            )
+            self._align()
+            return
+        try:
+            self._alignment.add(previous, sample, self._instantaneous)
+            if self._alignment.time < self._duration * (1.0 - 1e-9):
+                return
+            if self._position is None:
+                self.health.note(
+                    "waiting for position",
+                    WARN,
+                    "alignment has its data but no position: publish gnss/fix or set "
+                    "initial.latitude_deg, initial.longitude_deg and initial.height",
+                    self.stamp_ns,
+                )
+                return
+            lat, lon, height = self._position
+            self._navigate(self._alignment.solve(lat, height, self._heading), lat, lon, height)
+        except AlignmentError as error:
+            self.health.note("alignment restarts", ERROR, f"alignment: {error}", self.stamp_ns)
+            self._align()
+
+    def _navigate(self, alignment: Alignment, lat: float, lon: float, height: float) -> None:
+        east, north, up = alignment.velocity_g
+        velocity = (east, north, up if self._vertical else 0.0)
+        self.state = strapdown.initial_state(lat, lon, height, velocity, alignment.q_gb)
+        self.map = strapdown.MapFrame(lat, lon, height)
+        self.attitude_covariance = alignment.covariance
+        self.phase = Phase.NAVIGATING
+        roll, pitch, yaw = attitude.to_euler(alignment.q_gb)
+        heading = math.degrees(attitude.heading_from_yaw(yaw))
+        sigma = "given" if self._heading is not None else f"sigma {math.degrees(alignment.heading_stddev):.3f}"
+        level = math.degrees(math.sqrt(max(alignment.covariance[0, 0], alignment.covariance[1, 1])))
+        self.health.tell(
+            INFO,
+            f"aligned in {self._alignment.time:.1f} s: heading {heading:.3f}° ({sigma}), roll "
+            f"{math.degrees(roll):.3f}°, pitch {math.degrees(pitch):.3f}° (sigma {level:.4f}); gravity "
+            f"{alignment.gravity_ratio:.6f} of normal; navigating",
+        )

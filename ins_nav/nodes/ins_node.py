@@ -1,0 +1,149 @@
+"""`ins_node`: from an IMU topic to a navigation solution, live.
+
+Aligns (standing or rocking, no initial angle), then navigates free inertial at the IMU's own rate. A thin
+translator: `ins_nav.navigator.Navigator` does the work.
+"""
+
+import sys
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from geometry_msgs.msg import TransformStamped
+from nav_msgs.msg import Odometry
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions
+from sensor_msgs.msg import Imu, NavSatFix
+from std_srvs.srv import Trigger
+
+from ins_nav import messages
+from ins_nav.errors import InsNavError, for_people
+from ins_nav.health import ERROR, INFO, WARN
+from ins_nav.navigator import Navigator
+from ins_nav.nodes import parameters, runtime
+
+_IMU_DEPTH = 2000
+"""5 s at 400 Hz: the node is busy for some tenths of a second when it solves the alignment."""
+_OUT_DEPTH = 200
+_LEVELS = (DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR)
+
+
+def _qos(depth: int, reliability: ReliabilityPolicy, latched: bool = False) -> QoSProfile:
+    durability = DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
+    return QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=depth, reliability=reliability, durability=durability)
+
+
+class InsNode(Node):
+    """The node; see the package's README for topics, services and parameters.
+
+    Raises
+    ------
+    ParameterError
+    """
+
+    def __init__(self) -> None:
+        super().__init__("ins_node")
+        values = parameters.declare(self)
+        self._navigator = Navigator(values)
+        self._base_link = str(values["base_link_frame"])
+        self._out = messages.SolutionMessages(Odometry(), Imu(), NavSatFix(), self._navigator)
+        reliable, best_effort = ReliabilityPolicy.RELIABLE, ReliabilityPolicy.BEST_EFFORT
+        self._odometry = self.create_publisher(Odometry, "odometry", _qos(_OUT_DEPTH, reliable))
+        self._imu = self.create_publisher(Imu, "imu/data", _qos(_OUT_DEPTH, reliable))
+        self._fix = self.create_publisher(NavSatFix, "fix", _qos(_OUT_DEPTH, reliable))
+        self._bias = self.create_publisher(Imu, "imu/bias", _qos(1, reliable, latched=True))
+        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self._tf = self._transform_publisher() if values["publish.tf"] else None
+        overriding = QoSOverridingOptions.with_default_policies()
+        self.create_subscription(
+            Imu, "imu/data_raw", self._on_imu, _qos(_IMU_DEPTH, best_effort), qos_overriding_options=overriding
+        )
+        self.create_subscription(
+            NavSatFix, "gnss/fix", self._on_fix, _qos(10, best_effort), qos_overriding_options=overriding
+        )
+        self.create_service(Trigger, "~/align", self._on_align)
+        self.create_timer(1.0, self._on_timer)
+        self._publish_bias()
+        self.get_logger().info("waiting for imu/data_raw")
+
+    def _transform_publisher(self) -> Any:
+        try:
+            from tf2_msgs.msg import TFMessage
+        except ImportError:
+            raise InsNavError(
+                "publish.tf is true but tf2_msgs is not installed: apt install ros-jazzy-tf2-msgs, or set it to false"
+            ) from None
+        transform = TransformStamped()
+        transform.header.frame_id = self._out.odometry.header.frame_id
+        transform.child_frame_id = self._base_link
+        self._transforms = TFMessage(transforms=[transform])
+        return self.create_publisher(TFMessage, "/tf", 100)
+
+    def _on_imu(self, message: Imu) -> None:
+        new = messages.feed_imu(self._navigator, message)
+        if self._navigator.health.pending:
+            self._log()
+        if new and self._out.due():
+            self._publish()
+
+    def _publish(self) -> None:
+        out = self._out
+        if out.first:
+            self._publish_bias()
+        out.fill()
+        self._odometry.publish(out.odometry)
+        self._imu.publish(out.imu)
+        self._fix.publish(out.fix)
+        if self._tf is not None:
+            transform = self._transforms.transforms[0]
+            pose = out.odometry.pose.pose
+            transform.header.stamp = out.odometry.header.stamp
+            transform.transform.translation.x = pose.position.x
+            transform.transform.translation.y = pose.position.y
+            transform.transform.translation.z = pose.position.z
+            transform.transform.rotation = pose.orientation
+            self._tf.publish(self._transforms)
+
+    def _publish_bias(self) -> None:
+        message = Imu()
+        messages.fill_bias(message, self._navigator, self._base_link)
+        self._bias.publish(message)
+
+    def _on_fix(self, message: NavSatFix) -> None:
+        messages.feed_fix(self._navigator, message)
+
+    def _on_align(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.success = True
+        response.message = self._navigator.align()
+        return response
+
+    def _log(self) -> None:
+        logger = self.get_logger()
+        told = {INFO: logger.info, WARN: logger.warning, ERROR: logger.error}
+        for report in self._navigator.health.drain():
+            told[report.level](report.text)
+
+    def _on_timer(self) -> None:
+        self._log()
+        level, text, values = messages.diagnostics(self._navigator)
+        status = DiagnosticStatus(
+            level=_LEVELS[level],
+            name=f"{self.get_fully_qualified_name()}: navigation",
+            message=text,
+            hardware_id="imu",
+            values=[KeyValue(key=key, value=value) for key, value in values.items()],
+        )
+        array = DiagnosticArray(status=[status])
+        array.header.stamp = self.get_clock().now().to_msg()
+        self._diagnostics.publish(array)
+
+
+@for_people("ins_node")
+def main(args: list[str] | None = None) -> None:
+    """Run the node until SIGINT or SIGTERM."""
+    runtime.init(args)
+    runtime.spin(InsNode())
+
+
+if __name__ == "__main__":
+    sys.exit(main())

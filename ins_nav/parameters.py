@@ -1,0 +1,220 @@
+"""Parameters: one table for nodes and `ins_process`; names, defaults, ranges, meaning.
+
+Files are ROS 2 parameter YAML (``/**: ros__parameters:``). Values are checked once, when read; a name that is not
+in the table is an error with the nearest one suggested. A NaN default means "not given".
+"""
+
+import difflib
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from ins_nav.errors import InsNavError
+
+NAN = math.nan
+Value = bool | int | float | str | list[float]
+
+
+class ParameterError(InsNavError):
+    """A parameter is unknown, of the wrong type or out of range; the text names it, its value and what is allowed."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One row of the table.
+
+    Attributes
+    ----------
+    name, default, description
+    low, high : float
+        Inclusive range of a number.
+    choices : tuple of str
+        Allowed values of a string; empty for any.
+    """
+
+    name: str
+    default: Value
+    description: str
+    low: float = -math.inf
+    high: float = math.inf
+    choices: tuple[str, ...] = ()
+
+    def checked(self, value: object) -> Value:
+        """The value in the type of the default.
+
+        Raises
+        ------
+        ParameterError
+        """
+        default = self.default
+        if isinstance(default, bool):
+            if isinstance(value, bool):
+                return value
+            raise ParameterError(f"parameter {self.name}: {value!r} is not true or false")
+        if isinstance(default, float):
+            return self._number(value)
+        if isinstance(default, list):
+            if isinstance(value, Iterable) and not isinstance(value, str | bytes):
+                numbers = [self._number(item) for item in value]
+                if len(numbers) == len(default):
+                    return numbers
+            raise ParameterError(f"parameter {self.name}: {value!r} is not a list of {len(default)} numbers")
+        if not isinstance(value, str):
+            raise ParameterError(f"parameter {self.name}: {value!r} is not a string")
+        if self.choices and value not in self.choices:
+            raise ParameterError(f"parameter {self.name}: {value!r} is not one of {', '.join(self.choices)}")
+        return value
+
+    def _number(self, value: object) -> float:
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise ParameterError(f"parameter {self.name}: {value!r} is not a number")
+        number = float(value)
+        if not math.isnan(number) and not self.low <= number <= self.high:
+            raise ParameterError(f"parameter {self.name}: {number:g} is outside [{self.low:g}, {self.high:g}]")
+        if math.isnan(number) and not (isinstance(self.default, float) and math.isnan(self.default)):
+            raise ParameterError(f"parameter {self.name}: NaN is not allowed")
+        return number
+
+
+PARAMETERS = (
+    Parameter(
+        "imu.sampling",
+        "averaged",
+        "what a sample is: the mean over the interval it ends (increment / interval), or the value at its stamp",
+        choices=("averaged", "instantaneous"),
+    ),
+    Parameter(
+        "imu.mounting_rpy_deg",
+        [0.0, 0.0, 0.0],
+        "roll, pitch, yaw of the IMU's axes in base_link, deg",
+        -360.0,
+        360.0,
+    ),
+    Parameter("imu.gyro_bias_deg_per_hour", [0.0, 0.0, 0.0], "known gyro biases on base_link's axes, deg/h"),
+    Parameter("imu.accel_bias_mg", [0.0, 0.0, 0.0], "known accelerometer biases on base_link's axes, 1e-3 g"),
+    Parameter(
+        "imu.gyro_bias_stddev_deg_per_hour",
+        0.01,
+        "uncertainty of the gyro biases, deg/h; alignment cannot see the east one: it adds to the heading's sigma",
+        0.0,
+    ),
+    Parameter("imu.accel_bias_stddev_mg", 0.05, "uncertainty of the accelerometer biases, 1e-3 g", 0.0),
+    Parameter(
+        "imu.max_angular_velocity", 35.0, "samples with a faster rate are rejected, rad/s (35 is 2000 deg/s)", 0.1
+    ),
+    Parameter("imu.max_linear_acceleration", 400.0, "samples with a larger specific force are rejected, m/s^2", 20.0),
+    Parameter("imu.max_gap", 10.0, "a longer gap in the stamps restarts alignment, s; shorter ones are bridged", 0.1),
+    Parameter("initial.latitude_deg", NAN, "latitude of the start; not given: from the first valid gnss/fix", -90, 90),
+    Parameter("initial.longitude_deg", NAN, "longitude of the start", -360.0, 360.0),
+    Parameter("initial.height", NAN, "ellipsoidal height of the start, m", -12e3, 1e6),
+    Parameter(
+        "initial.heading_deg", NAN, "heading at rest, clockwise from north; given: only the level is sought", -360, 360
+    ),
+    Parameter("alignment.duration", 60.0, "length of coarse alignment when the heading is sought, s", 5.0, 3600.0),
+    Parameter("alignment.level_duration", 5.0, "length of alignment when the heading is given, s", 0.5, 3600.0),
+    Parameter(
+        "alignment.max_speed", 2.0, "a base that goes faster than this while aligning has moved off, m/s", 0.01, 100.0
+    ),
+    Parameter(
+        "navigation.vertical_channel",
+        False,
+        "integrate the vertical acceleration too: unstable, for short runs only; otherwise height stays",
+    ),
+    Parameter("publish.rate", 0.0, "odometry, imu/data and fix a second; 0: one for every IMU sample", 0.0, 2000.0),
+    Parameter("publish.tf", False, "publish map -> base_link on /tf too (needs tf2_msgs)"),
+    Parameter("map_frame", "map", "frame_id of odometry: east-north-up at the start"),
+    Parameter("base_link_frame", "base_link", "frame_id of the body"),
+)
+_BY_NAME = {parameter.name: parameter for parameter in PARAMETERS}
+
+
+def default_values() -> dict[str, Value]:
+    """Every parameter at its default."""
+    return {parameter.name: parameter.default for parameter in PARAMETERS}
+
+
+def checked_values(overrides: Mapping[str, object]) -> dict[str, Value]:
+    """Every parameter: the overrides, checked, over the defaults.
+
+    Raises
+    ------
+    ParameterError
+    """
+    values = default_values()
+    for name, value in overrides.items():
+        values[name] = known(name).checked(value)
+    given = [not math.isnan(values[f"initial.{name}"]) for name in ("latitude_deg", "longitude_deg", "height")]  # type: ignore[arg-type]
+    if any(given[:2]) and not all(given):
+        raise ParameterError(
+            "initial.latitude_deg, initial.longitude_deg and initial.height go together: give all three or none"
+        )
+    return values
+
+
+def known(name: str) -> Parameter:
+    """The row of that name.
+
+    Raises
+    ------
+    ParameterError
+        With the nearest name.
+    """
+    if name in _BY_NAME:
+        return _BY_NAME[name]
+    near = difflib.get_close_matches(name, _BY_NAME, n=1, cutoff=0.5)
+    hint = f": did you mean {near[0]}?" if near else f"; known: {', '.join(_BY_NAME)}"
+    raise ParameterError(f"unknown parameter {name}{hint}")
+
+
+def read_file(path: str | Path, node: str) -> dict[str, object]:
+    """Overrides for a node from a ROS 2 parameter file: sections ``/**``, ``/node`` or ``node``, in that order.
+
+    Raises
+    ------
+    ParameterError
+        The file cannot be read or has no such shape.
+    """
+    try:
+        content = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ParameterError(f"parameter file {path}: {error.strerror}") from None
+    except yaml.YAMLError as error:
+        raise ParameterError(f"parameter file {path} is not YAML: {' '.join(str(error).split())}") from None
+    if not isinstance(content, dict):
+        raise ParameterError(f"parameter file {path} is empty: begin with '/**: ros__parameters:'")
+    overrides: dict[str, object] = {}
+    for section in ("/**", f"/{node}", node):
+        if section in content:
+            body = content[section]
+            if not isinstance(body, dict) or not isinstance(body.get("ros__parameters"), dict):
+                raise ParameterError(f"parameter file {path}: no ros__parameters under {section}")
+            overrides |= _flat(body["ros__parameters"])
+    return overrides
+
+
+def parse_assignment(text: str) -> tuple[str, Any]:
+    """Name and value of ``name:=value``, the value read as YAML.
+
+    Raises
+    ------
+    ParameterError
+    """
+    name, separator, value = text.partition(":=")
+    if not separator or not name:
+        raise ParameterError(f"{text!r} is not name:=value")
+    return name, yaml.safe_load(value)
+
+
+def _flat(tree: Mapping[str, object], prefix: str = "") -> dict[str, object]:
+    flat: dict[str, object] = {}
+    for key, value in tree.items():
+        name = f"{prefix}{key}"
+        if isinstance(value, Mapping):
+            flat |= _flat(value, f"{name}.")
+        else:
+            flat[name] = value
+    return flat

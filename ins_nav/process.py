@@ -1,0 +1,192 @@
+"""`ins_process`: the live system's core over a recording, without ROS, as fast as the machine allows."""
+
+import argparse
+import sys
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+
+from tqdm import tqdm
+
+from ins_nav import messages
+from ins_nav.bags import BagError, BagReader, BagWriter, DamagedBagError, RawMessage, absolute, header, message
+from ins_nav.errors import InsNavError, for_people
+from ins_nav.navigator import Navigator, Phase
+from ins_nav.parameters import parse_assignment, read_file
+
+_IMU, _FIX = "sensor_msgs/msg/Imu", "sensor_msgs/msg/NavSatFix"
+_ODOMETRY, _DIAGNOSTICS = "nav_msgs/msg/Odometry", "diagnostic_msgs/msg/DiagnosticArray"
+_SECOND = 1_000_000_000
+INPUTS = {"/imu/data_raw": _IMU, "/gnss/fix": _FIX}
+"""Topics that are read, with their types."""
+
+
+class Recorder:
+    """Writes into a bag what the live node publishes, at the same stamps and rates."""
+
+    def __init__(self, writer: BagWriter, navigator: Navigator) -> None:
+        self._writer = writer
+        self._navigator = navigator
+        self._base_link = str(navigator.parameter("base_link_frame"))
+        self._out = messages.SolutionMessages(message(_ODOMETRY), message(_IMU), message(_FIX), navigator)
+        self._next_diagnostics_ns = 0
+        self.written = 0
+        """Solutions written."""
+        for topic, msgtype in (("odometry", _ODOMETRY), ("imu/data", _IMU), ("fix", _FIX)):
+            writer.add_topic(topic, msgtype)
+        writer.add_topic("imu/bias", _IMU, latched=True)
+        writer.add_topic("diagnostics", _DIAGNOSTICS)
+
+    def solution(self) -> None:
+        """The navigator has a new solution."""
+        out, stamp_ns = self._out, self._navigator.stamp_ns
+        if not out.due():
+            return
+        if out.first:
+            bias = message(_IMU)
+            messages.fill_bias(bias, self._navigator, self._base_link)
+            self._writer.write("imu/bias", _IMU, bias, stamp_ns)
+        out.fill()
+        self._writer.write("odometry", _ODOMETRY, out.odometry, stamp_ns)
+        self._writer.write("imu/data", _IMU, out.imu, stamp_ns)
+        self._writer.write("fix", _FIX, out.fix, stamp_ns)
+        self.written += 1
+
+    def tick(self, stamp_ns: int) -> None:
+        """Write diagnostics once a second of recorded time."""
+        if stamp_ns < self._next_diagnostics_ns:
+            return
+        self._next_diagnostics_ns = stamp_ns + _SECOND
+        level, text, values = messages.diagnostics(self._navigator)
+        status = message(
+            "diagnostic_msgs/msg/DiagnosticStatus",
+            level=level,
+            name="ins_process: navigation",
+            message=text,
+            hardware_id="imu",
+            values=[message("diagnostic_msgs/msg/KeyValue", key=key, value=value) for key, value in values.items()],
+        )
+        array = message(_DIAGNOSTICS, header=header(stamp_ns, ""), status=[status])
+        self._writer.write("diagnostics", _DIAGNOSTICS, array, stamp_ns)
+
+
+def input_topics(reader: BagReader, remap: dict[str, str]) -> dict[str, str]:
+    """Topics of the recording that are inputs, each with the name it stands for.
+
+    Raises
+    ------
+    BagError
+        There is no IMU topic, one has a wrong type, or a remapped one is not in the recording.
+    """
+    for topic in remap:
+        reader.topic(topic)
+    names = {}
+    for topic, info in reader.topics.items():
+        target = remap.get(topic, topic)
+        if target in INPUTS:
+            if info.msgtype != INPUTS[target]:
+                raise BagError(f"{reader.path}: {topic} is {info.msgtype}; {target} must be {INPUTS[target]}")
+            names[topic] = target
+    if "/imu/data_raw" not in names.values():
+        imus = [topic for topic, info in reader.topics.items() if info.msgtype == _IMU]
+        hint = f": add --remap {imus[0]}:=/imu/data_raw" if imus else f"; it has {', '.join(reader.topics)}"
+        raise BagError(f"{reader.path}: no topic /imu/data_raw{hint}")
+    return names
+
+
+def feed(navigator: Navigator, topic: str, content: object) -> bool:
+    """Give a message of one of the `INPUTS` to the navigator; True when there is a new solution."""
+    if topic == "/gnss/fix":
+        messages.feed_fix(navigator, content)
+        return False
+    return messages.feed_imu(navigator, content)
+
+
+def parse_remaps(texts: Iterable[str]) -> dict[str, str]:
+    """``OLD:=NEW`` texts as a dict of absolute names.
+
+    Raises
+    ------
+    InsNavError
+    """
+    remap = {}
+    for text in texts:
+        old, separator, new = text.partition(":=")
+        if not (old and separator and new):
+            raise InsNavError(f"--remap {text!r} is not OLD:=NEW")
+        remap[absolute(old)] = absolute(new)
+    return remap
+
+
+def _with_progress(reader: BagReader, raw_messages: Iterable[RawMessage], navigator: Navigator) -> Iterator[RawMessage]:
+    """The messages, with a bar over the recording's time; the navigator's reports are printed above it."""
+    duration = (reader.end_ns - reader.start_ns) / _SECOND
+    layout = "{l_bar}{bar}| {n:.0f}/{total:.0f} s [{elapsed}<{remaining}{postfix}]"
+    with tqdm(total=duration, disable=None, bar_format=layout) as bar:
+        for raw in raw_messages:
+            yield raw
+            done = (raw.stamp_ns - reader.start_ns) / _SECOND
+            if done - bar.n >= 1.0:
+                bar.set_postfix_str(navigator.phase.value, refresh=False)
+                bar.update(done - bar.n)
+            for report in navigator.health.drain():
+                bar.write(f"[{report.level}] {report.text}", file=sys.stderr)
+        bar.update(duration - bar.n)
+
+
+@for_people("ins_process")
+def main(argv: Sequence[str] | None = None) -> int | None:
+    """The command line."""
+    args = _parser().parse_args(argv)
+    overrides: dict[str, object] = {}
+    for file in args.params_file:
+        overrides |= read_file(file, "ins_process")
+    overrides |= dict(map(parse_assignment, args.param))
+    navigator = Navigator(overrides)
+    damage = None
+    with BagReader(args.bag) as reader:
+        names = input_topics(reader, parse_remaps(args.remap))
+        with BagWriter(args.output, args.overwrite) as writer:
+            recorder = Recorder(writer, navigator)
+            try:
+                for raw in _with_progress(reader, reader.messages(names), navigator):
+                    if feed(navigator, names[raw.topic], reader.deserialize(raw)):
+                        recorder.solution()
+                    recorder.tick(raw.stamp_ns)
+            except DamagedBagError as error:
+                damage = error
+    stream = navigator.stream
+    counts = "".join(f", {kind}: {count}" for kind, count in navigator.health.counts.items())
+    print(
+        f"{args.output}: {recorder.written} solutions; {stream.received} IMU samples read, {stream.accepted} "
+        f"integrated{counts}"
+    )
+    if damage is not None:
+        raise damage
+    if navigator.phase is not Phase.NAVIGATING:
+        raise InsNavError(f"{args.bag}: ended while {navigator.phase.value}: {_why(navigator)}")
+    return 0
+
+
+def _why(navigator: Navigator) -> str:
+    if navigator.progress < 1.0:
+        return f"alignment had {100.0 * navigator.progress:.0f} % of its data; see the reports above"
+    return "no position: the bag has no valid gnss/fix; add --param initial.latitude_deg:=... and the others"
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="ins_process", description="Navigate over a recording; the result is a bag with the topics of ins_node."
+    )
+    parser.add_argument("bag", type=Path, metavar="BAG", help="rosbag2 folder, .mcap or .db3 file")
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar="OUT", help="folder of the bag to write")
+    parser.add_argument(
+        "--params-file", action="append", default=[], metavar="YAML", help="ROS 2 parameter file; may be repeated"
+    )
+    parser.add_argument(
+        "--param", action="append", default=[], metavar="NAME:=VALUE", help="set a parameter; may be repeated"
+    )
+    parser.add_argument(
+        "-m", "--remap", nargs="+", default=[], metavar="OLD:=NEW", help="read topic OLD as NEW (/imu/data_raw, ...)"
+    )
+    parser.add_argument("--overwrite", action="store_true", help="replace a bag that is there")
+    return parser

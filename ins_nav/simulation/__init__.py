@@ -1,0 +1,1 @@
+"""Simulation: carriers' motion over the ellipsoid, sensors' errors, named scenarios, recordings of them."""

@@ -1,0 +1,164 @@
+"""A simulation as a rosbag2, with the topics of a live system and the truth beside them."""
+
+import heapq
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+from tqdm import tqdm
+
+from ins_nav import earth
+from ins_nav.bags import TYPES, BagWriter, header, message
+from ins_nav.simulation.motion import Array
+from ins_nav.simulation.scenarios import Simulation
+from ins_nav.simulation.trajectory import Trajectory
+
+_IMU = "sensor_msgs/msg/Imu"
+_FIX = "sensor_msgs/msg/NavSatFix"
+_ODOMETRY = "nav_msgs/msg/Odometry"
+_DIAGONAL_KNOWN = 2
+_CHUNK = 10_000
+
+Stream = Iterator[tuple[int, Any]]
+"""Messages of one topic with their stamps, ns, in order."""
+
+
+def write_bag(simulation: Simulation, path: str | Path, overwrite: bool = False, progress: bool = False) -> int:
+    """Write a recording of the simulation.
+
+    Topics: /imu/data_raw and /gnss/fix as measured; /truth/odometry (body in map, the tangent plane east-north-up
+    at the simulation's origin; twist relative to Earth, on body axes), /truth/imu (body to local east-north-up,
+    true angular rate in inertial space and specific force), /truth/fix. Truth has the stamps of samples.
+
+    Parameters
+    ----------
+    simulation : Simulation
+        What to write.
+    path : str or Path
+        Folder of the bag.
+    overwrite : bool
+        Replace a bag that is there.
+    progress : bool
+        Show a bar on stderr, when that is a terminal.
+
+    Returns
+    -------
+    int
+        Number of messages written.
+
+    Raises
+    ------
+    BagError
+        If the bag cannot be written.
+    """
+    s, t = simulation, simulation.trajectory
+    step = max(1, round(s.parameters["rate"] / s.parameters["truth.rate"]))
+    truth = np.arange(step, len(t.time), step)
+    truth_stamps = s.stamps_ns[truth - 1]
+    topics: list[tuple[str, str, int, Stream]] = [
+        ("/imu/data_raw", _IMU, len(s.stamps_ns), _measured_imu(s)),
+        ("/gnss/fix", _FIX, len(s.fixes.stamps_ns), _fixes("gnss_link", *s.fixes)),
+        ("/truth/odometry", _ODOMETRY, len(truth), _true_odometry(truth_stamps, t, truth)),
+        ("/truth/imu", _IMU, len(truth), _true_imu(truth_stamps, t, truth)),
+        (
+            "/truth/fix",
+            _FIX,
+            len(truth),
+            _fixes("base_link", truth_stamps, t.lat[truth], t.lon[truth], t.height[truth], (0.0, 0.0, 0.0)),
+        ),
+    ]
+    total = sum(count for _, _, count, _ in topics)
+    with BagWriter(path, overwrite) as writer:
+        for topic, msgtype, _, _ in topics:
+            writer.add_topic(topic, msgtype)
+        named = [_named(topic, msgtype, stream) for topic, msgtype, _, stream in topics]
+        merged = heapq.merge(*named, key=lambda item: item[3])
+        for topic, msgtype, msg, stamp_ns in tqdm(
+            merged, total=total, unit=" messages", disable=None if progress else True
+        ):
+            writer.write(topic, msgtype, msg, stamp_ns)
+    return total
+
+
+def _named(topic: str, msgtype: str, stream: Stream) -> Iterator[tuple[str, str, Any, int]]:
+    for stamp_ns, msg in stream:
+        yield topic, msgtype, msg, stamp_ns
+
+
+def _measured_imu(s: Simulation) -> Stream:
+    dt = s.trajectory.interval
+    make = TYPES.types[_IMU]
+    unknown = _quaternion((0.0, 0.0, 0.0, 1.0))
+    no_orientation = np.array([-1.0] + [0.0] * 8)
+    rate_covariance = np.eye(3).ravel() * s.errors.gyro.noise_stddev(dt) ** 2
+    force_covariance = np.eye(3).ravel() * s.errors.accel.noise_stddev(dt) ** 2
+    for stamp, rate, force in _rows(s.stamps_ns, s.angular_velocity, s.linear_acceleration):
+        yield (
+            stamp,
+            make(
+                header(stamp, "imu_link"),
+                unknown,
+                no_orientation,
+                _vector(rate),
+                rate_covariance,
+                _vector(force),
+                force_covariance,
+            ),
+        )
+
+
+def _true_imu(stamps_ns: NDArray[np.int64], t: Trajectory, index: NDArray[np.int64]) -> Stream:
+    make, exact = TYPES.types[_IMU], np.zeros(9)
+    for stamp, q, rate, force in _rows(stamps_ns, t.q_nb[index], t.rate[index], t.specific_force[index]):
+        yield (
+            stamp,
+            make(header(stamp, "imu_link"), _quaternion(q), exact, _vector(rate), exact, _vector(force), exact),
+        )
+
+
+def _true_odometry(stamps_ns: NDArray[np.int64], t: Trajectory, index: NDArray[np.int64]) -> Stream:
+    map_from_e = Rotation.from_matrix(earth.enu_axes(t.origin.lat, t.origin.lon)).inv()
+    origin_e = earth.geodetic_to_ecef(t.origin.lat, t.origin.lon, t.origin.height)
+    body = Rotation.from_quat(t.q_eb[index])
+    position = map_from_e.apply(t.position_e[index] - origin_e)
+    orientation = (map_from_e * body).as_quat()
+    velocity = body.inv().apply(t.velocity_e[index])
+    rate = t.rate[index] - body.inv().apply([0.0, 0.0, earth.RATE])
+    types = TYPES.types
+    for stamp, r, q, v, w in _rows(stamps_ns, position, orientation, velocity, rate):
+        msg = message(_ODOMETRY, header=header(stamp, "map"), child_frame_id="base_link")
+        msg.pose.pose = types["geometry_msgs/msg/Pose"](types["geometry_msgs/msg/Point"](*r), _quaternion(q))
+        msg.twist.twist = types["geometry_msgs/msg/Twist"](_vector(v), _vector(w))
+        yield stamp, msg
+
+
+def _fixes(
+    frame_id: str,
+    stamps_ns: NDArray[np.int64],
+    lat: Array,
+    lon: Array,
+    height: Array,
+    stddev: tuple[float, float, float],
+) -> Stream:
+    covariance = np.diag(np.square(stddev)).ravel()
+    status = message("sensor_msgs/msg/NavSatStatus", service=1)
+    make = TYPES.types[_FIX]
+    for stamp, lat_deg, lon_deg, h in _rows(stamps_ns, np.degrees(lat), np.degrees(lon), height):
+        yield stamp, make(header(stamp, frame_id), status, lat_deg, lon_deg, h, covariance, _DIAGONAL_KNOWN)
+
+
+def _rows(*arrays: NDArray[Any]) -> Iterator[Any]:
+    """Rows of all arrays together, as plain numbers."""
+    for start in range(0, len(arrays[0]), _CHUNK):
+        yield from zip(*(array[start : start + _CHUNK].tolist() for array in arrays), strict=True)
+
+
+def _vector(v: Any) -> Any:
+    return TYPES.types["geometry_msgs/msg/Vector3"](*v)
+
+
+def _quaternion(q: Any) -> Any:
+    return TYPES.types["geometry_msgs/msg/Quaternion"](*q)

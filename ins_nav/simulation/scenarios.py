@@ -1,0 +1,255 @@
+"""Named scenarios: what moves, with which sensors; simulated by name, repeatable from a seed.
+
+A scenario is a function that makes a motion of its parameters' values, decorated with what there is to set::
+
+    @scenario("Stands still.", {"roll_deg": Parameter(0.0, "deg", "roll"), "duration": 60.0})
+    def static(p: Values) -> Motion: ...
+
+A `Parameter` is one of the scenario's own, a bare value another default of a shared one.
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ins_nav import attitude
+from ins_nav.bags import suggestion
+from ins_nav.errors import InsNavError
+from ins_nav.simulation.motion import Array, Motion, Route, constant, sinusoid, smooth_profile
+from ins_nav.simulation.parameters import SHARED, Parameter, Values, resolved
+from ins_nav.simulation.sensors import Fixes, GnssReceiver, ImuErrors, Triple
+from ins_nav.simulation.trajectory import EarthMotion, Origin, Trajectory
+
+START_NS = 1_700_000_000 * 10**9
+"""Stamp of a simulation's time 0."""
+
+MotionMaker = Callable[[Values], Motion]
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """A kind of motion and its parameters."""
+
+    text: str
+    parameters: dict[str, Parameter]
+    motion: MotionMaker
+
+
+SCENARIOS: dict[str, Scenario] = {}
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """What was simulated. Sample k of n covers the interval that ends at its stamp."""
+
+    scenario: str
+    seed: int
+    parameters: dict[str, Any]
+    trajectory: Trajectory
+    """Truth at n + 1 instants: sample k belongs to instant k + 1."""
+    start_ns: int
+    """Stamp of instant 0."""
+    stamps_ns: NDArray[np.int64]
+    """(n,)."""
+    angular_velocity: Array
+    """(n, 3), measured, rad/s."""
+    linear_acceleration: Array
+    """(n, 3), measured specific force, m/s²."""
+    errors: ImuErrors
+    gyro_bias: Triple
+    """Constant part of the gyros' bias, what was drawn included, rad/s."""
+    accel_bias: Triple
+    """The same of the accelerometers, m/s²."""
+    fixes: Fixes
+
+
+def scenario(text: str, parameters: Mapping[str, Any]) -> Callable[[MotionMaker], MotionMaker]:
+    """Register the decorated function under its name."""
+
+    def register(motion: MotionMaker) -> MotionMaker:
+        own = {n: p if isinstance(p, Parameter) else replace(SHARED[n], default=p) for n, p in parameters.items()}
+        SCENARIOS[motion.__name__] = Scenario(text, own | {n: p for n, p in SHARED.items() if n not in own}, motion)
+        return motion
+
+    return register
+
+
+def simulate(name: str, seed: int = 0, /, **parameters: Any) -> Simulation:
+    """Simulate a scenario.
+
+    Parameters
+    ----------
+    name : str
+        Of the scenario.
+    seed : int
+        Of everything drawn, not negative. Both by position: the names are the scenario's.
+    **parameters
+        By name, in their own types or as text; names with a dot as ``**{"imu.preset": "mems"}``.
+
+    Raises
+    ------
+    InsNavError
+        If the scenario or a parameter is unknown, or a value does not fit.
+    """
+    if name not in SCENARIOS:
+        raise InsNavError(f"no scenario {name!r}{suggestion(name, SCENARIOS)}")
+    chosen = SCENARIOS[name]
+    p = resolved(name, chosen.parameters, parameters)
+    origin = Origin(math.radians(p["lat_deg"]), math.radians(p["lon_deg"]), p["height"])
+    if round(p["duration"] * p["rate"]) < 1:
+        raise InsNavError(f"duration {p['duration']:g} s at rate {p['rate']:g} Hz has no sample; make it longer")
+    trajectory = EarthMotion(chosen.motion(p), origin).trajectory(p["rate"])
+    dt = 1.0 / p["rate"]
+    if p["imu.sampling"] == "averaged":
+        rate, force = trajectory.delta_theta / dt, trajectory.delta_velocity / dt
+    else:
+        rate, force = trajectory.rate[1:], trajectory.specific_force[1:]
+    errors = ImuErrors(**{f.name: p[f"imu.{f.name}"] for f in fields(ImuErrors)})
+    angular_velocity, gyro_bias = errors.gyro.measure(rate, dt, seed, "gyro")
+    linear_acceleration, accel_bias = errors.accel.measure(force, dt, seed, "accel")
+    stamps_ns = START_NS + np.rint(np.arange(len(trajectory.time)) * (1e9 / p["rate"])).astype(np.int64)
+    receiver = GnssReceiver(p["gnss.rate"], p["gnss.horizontal_stddev"], p["gnss.vertical_stddev"], p["gnss.lever_arm"])
+    return Simulation(
+        scenario=name,
+        seed=seed,
+        parameters=p,
+        trajectory=trajectory,
+        start_ns=START_NS,
+        stamps_ns=stamps_ns[1:],
+        angular_velocity=angular_velocity,
+        linear_acceleration=linear_acceleration,
+        errors=errors,
+        gyro_bias=gyro_bias,
+        accel_bias=accel_bias,
+        fixes=receiver.fixes(trajectory, stamps_ns, seed),
+    )
+
+
+def _yaw(p: Values) -> float:
+    return attitude.heading_from_yaw(math.radians(p["heading_deg"]))
+
+
+@scenario(
+    "Stands still, at any attitude.",
+    {
+        "roll_deg": Parameter(0.0, "deg", "roll, right side down positive", -180.0, 180.0),
+        "pitch_deg": Parameter(0.0, "deg", "pitch about the left axis, bow down positive", -90.0, 90.0),
+    },
+)
+def static(p: Values) -> Motion:
+    return Motion(
+        p["duration"],
+        yaw=constant(_yaw(p)),
+        pitch=constant(math.radians(p["pitch_deg"])),
+        roll=constant(math.radians(p["roll_deg"])),
+    )
+
+
+@scenario(
+    "Rocks about a constant heading as on a bench, then stands still.",
+    {
+        "duration": 900.0,
+        "rate": 400.0,
+        "imu.preset": "fog_auv",
+        "rocking_time": Parameter(300.0, "s", "how long it rocks; it settles within 5 s then", 0.0),
+        "period": Parameter(11.0, "s", "period of roll and pitch", 0.1),
+        "roll_amplitude_deg": Parameter(5.0, "deg", "amplitude of roll", 0.0, 90.0),
+        "pitch_amplitude_deg": Parameter(5.0, "deg", "amplitude of pitch", 0.0, 60.0),
+        "pitch_phase_deg": Parameter(90.0, "deg", "phase of pitch before roll"),
+        "linear_period": Parameter(8.0, "s", "period of surge, sway and heave", 0.1),
+        "surge_amplitude": Parameter(0.0, "m", "amplitude forward", 0.0),
+        "sway_amplitude": Parameter(0.0, "m", "amplitude to the left, a third of a period after surge", 0.0),
+        "heave_amplitude": Parameter(0.0, "m", "amplitude up, two thirds of a period after surge", 0.0),
+    },
+)
+def rocking(p: Values) -> Motion:
+    rocks = smooth_profile(1.0, [(p["rocking_time"], 5.0, 0.0)])
+    yaw = _yaw(p)
+    surge, sway, heave = (
+        rocks * sinusoid(p[f"{axis}_amplitude"], p["linear_period"], -phase * 2.0 * math.pi / 3.0)
+        for phase, axis in enumerate(("surge", "sway", "heave"))
+    )
+    return Motion(
+        p["duration"],
+        yaw=constant(yaw),
+        roll=rocks * sinusoid(math.radians(p["roll_amplitude_deg"]), p["period"]),
+        pitch=rocks * sinusoid(math.radians(p["pitch_amplitude_deg"]), p["period"], math.radians(p["pitch_phase_deg"])),
+        x=math.cos(yaw) * surge + -math.sin(yaw) * sway,
+        y=math.sin(yaw) * surge + math.cos(yaw) * sway,
+        z=heave,
+    )
+
+
+_CITY: tuple[tuple[str, float, float], ...] = (
+    ("reach", 12.0, 10.0),
+    ("hold", 0.0, 25.0),
+    ("reach", 6.0, 6.0),
+    ("turn", 90.0, 8.0),
+    ("reach", 15.0, 10.0),
+    ("hold", 0.0, 20.0),
+    ("reach", 0.0, 11.0),
+    ("hold", 0.0, 20.0),
+    ("reach", 10.0, 8.0),
+    ("turn", -40.0, 7.0),
+    ("hold", 0.0, 12.0),
+    ("turn", 40.0, 7.0),
+    ("reach", 6.0, 5.0),
+    ("turn", -90.0, 8.0),
+    ("reach", 14.0, 10.0),
+    ("hold", 0.0, 25.0),
+    ("reach", 0.0, 10.0),
+    ("hold", 0.0, 30.0),
+    ("reach", 5.0, 6.0),
+    ("turn", 180.0, 14.0),
+    ("reach", 13.0, 9.0),
+    ("hold", 0.0, 18.0),
+    ("reach", 6.0, 6.0),
+    ("turn", 90.0, 8.0),
+    ("reach", 0.0, 6.0),
+    ("hold", 0.0, 15.0),
+)
+"""Action, new speed in m/s or angle in degrees, duration in s: some five minutes, three stops."""
+
+_PITCH_PER_ACCELERATION = -0.01
+_ROLL_PER_LATERAL_ACCELERATION = 0.01
+"""How a car's body leans on its springs, rad per m/s²."""
+
+
+@scenario(
+    "A car stands, then drives through a city with turns and stops.",
+    {
+        "duration": 720.0,
+        "stand_time": Parameter(120.0, "s", "how long it stands at first", 0.0),
+        "engine_amplitude": Parameter(0.0, "m", "amplitude of vibration up and down, all the time", 0.0),
+        "engine_frequency": Parameter(25.0, "Hz", "frequency of that vibration", 0.1),
+        "people_amplitude_deg": Parameter(
+            0.0, "deg", "sway in roll and pitch by people, while it stands at first", 0.0
+        ),
+        "people_period": Parameter(2.3, "s", "period of that sway in roll; in pitch it is 0.7 of it", 0.1),
+    },
+)
+def vehicle(p: Values) -> Motion:
+    route = Route(_yaw(p))
+    route.hold(p["stand_time"])
+    while route.time < p["duration"]:
+        for action, value, duration in _CITY:
+            if action == "reach":
+                route.reach(value, duration)
+            elif action == "turn":
+                route.turn(math.radians(value), duration)
+            else:
+                route.hold(duration)
+    speed, yaw = route.speed, route.yaw
+    people = smooth_profile(math.radians(p["people_amplitude_deg"]), [(max(p["stand_time"] - 5.0, 0.0), 4.0, 0.0)])
+    return Motion(
+        p["duration"],
+        speed=speed,
+        yaw=yaw,
+        pitch=_PITCH_PER_ACCELERATION * speed.derivative() + people * sinusoid(1.0, 0.7 * p["people_period"]),
+        roll=_ROLL_PER_LATERAL_ACCELERATION * speed * yaw.derivative() + people * sinusoid(1.0, p["people_period"]),
+        z=sinusoid(p["engine_amplitude"], 1.0 / p["engine_frequency"]),
+    )

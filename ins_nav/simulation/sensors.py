@@ -1,0 +1,292 @@
+"""Sensors' errors: inertial sensors by their datasheet, and a GNSS receiver.
+
+Every error source draws from a stream of its own, named after it: switching one off, or changing its size, leaves
+the others' draws as they were. What is drawn depends on the seed alone.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ins_nav import earth
+from ins_nav.errors import InsNavError
+from ins_nav.simulation.motion import Array
+from ins_nav.simulation.trajectory import Trajectory
+
+Triple = tuple[float, float, float]
+Six = tuple[float, float, float, float, float, float]
+
+STANDARD_GRAVITY = 9.80665
+"""The g of datasheets, m/s²."""
+_MICRO_G = STANDARD_GRAVITY * 1e-6
+_ARCSEC = math.radians(1.0 / 3600.0)
+_NONE3: Triple = (0.0, 0.0, 0.0)
+_NONE6: Six = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class TriadErrors:
+    """Errors of three gyros or three accelerometers; SI, the output's unit (rad/s or m/s²) is U.
+
+    The output is ``(1 + scale + misalignment) true + bias + walk + noise``, then quantized. The standard
+    deviations are those of constants drawn once a run and added to the given ones.
+    """
+
+    bias: Triple
+    """U."""
+    bias_stddev: float
+    """U."""
+    bias_random_walk: float
+    """U/√s."""
+    noise: float
+    """White noise density, U √s (angle or velocity random walk)."""
+    scale: Triple
+    """Scale factor error."""
+    scale_stddev: float
+    misalignment: Six
+    """How much of the true y and z enters output x, of x and z output y, of x and y output z; rad."""
+    misalignment_stddev: float
+    """rad."""
+    quantization: float
+    """Step of the accumulated output, U s."""
+
+    def noise_stddev(self, dt: float) -> float:
+        """Standard deviation of the noise of one sample, U, at the sampling interval dt, s."""
+        return self.noise / math.sqrt(dt)
+
+    def measure(self, true: Array, dt: float, seed: int, name: str) -> tuple[Array, Triple]:
+        """Output of the sensors.
+
+        The increments' accumulated sum is what is quantized, so that nothing is lost in the long run.
+
+        Parameters
+        ----------
+        true : ndarray, shape (n, 3)
+            True values, U.
+        dt : float
+            Sampling interval, s.
+        seed : int
+            Not negative.
+        name : str
+            Of the sensor, names its streams.
+
+        Returns
+        -------
+        measured : ndarray, shape (n, 3)
+            U.
+        bias : tuple of 3 floats
+            Constant part of the bias, given and drawn, U.
+        """
+        bias = np.array(self.bias) + self.bias_stddev * stream(seed, name + ".bias").standard_normal(3)
+        scale = np.array(self.scale) + self.scale_stddev * stream(seed, name + ".scale").standard_normal(3)
+        off = np.array(self.misalignment)
+        off += self.misalignment_stddev * stream(seed, name + ".misalignment").standard_normal(6)
+        matrix = np.eye(3) + np.diag(scale)
+        matrix[~np.eye(3, dtype=bool)] += off
+        out = true @ matrix.T + bias
+        if self.noise:
+            out += self.noise_stddev(dt) * stream(seed, name + ".noise").standard_normal(true.shape)
+        if self.bias_random_walk:
+            steps = stream(seed, name + ".bias_random_walk").standard_normal(true.shape)
+            out += np.cumsum(self.bias_random_walk * math.sqrt(dt) * steps, axis=0)
+        if self.quantization:
+            counts = np.rint(np.cumsum(out, axis=0) * (dt / self.quantization))
+            out = np.diff(counts, axis=0, prepend=0.0) * (self.quantization / dt)
+        x, y, z = bias.tolist()
+        return out, (x, y, z)
+
+
+@dataclass(frozen=True)
+class ImuErrors:
+    """Errors of an inertial unit in the units of datasheets; see `TriadErrors` for their meaning.
+
+    Noise is given by its density: its size a sample follows from the rate.
+    """
+
+    gyro_bias_deg_per_hour: Triple = _NONE3
+    gyro_bias_stddev_deg_per_hour: float = 0.0
+    gyro_bias_random_walk_deg_per_hour_per_sqrt_hour: float = 0.0
+    gyro_noise_deg_per_sqrt_hour: float = 0.0
+    gyro_scale_ppm: Triple = _NONE3
+    gyro_scale_stddev_ppm: float = 0.0
+    gyro_misalignment_arcsec: Six = _NONE6
+    gyro_misalignment_stddev_arcsec: float = 0.0
+    gyro_quantization_arcsec: float = 0.0
+    accel_bias_ug: Triple = _NONE3
+    accel_bias_stddev_ug: float = 0.0
+    accel_bias_random_walk_ug_per_sqrt_hour: float = 0.0
+    accel_noise_ug_per_sqrt_hz: float = 0.0
+    accel_scale_ppm: Triple = _NONE3
+    accel_scale_stddev_ppm: float = 0.0
+    accel_misalignment_arcsec: Six = _NONE6
+    accel_misalignment_stddev_arcsec: float = 0.0
+    accel_quantization_mm_per_s: float = 0.0
+
+    @property
+    def gyro(self) -> TriadErrors:
+        """Of the gyros, rad/s."""
+        deg_per_hour = math.radians(1.0) / 3600.0
+        return TriadErrors(
+            bias=_scaled3(self.gyro_bias_deg_per_hour, deg_per_hour),
+            bias_stddev=self.gyro_bias_stddev_deg_per_hour * deg_per_hour,
+            bias_random_walk=self.gyro_bias_random_walk_deg_per_hour_per_sqrt_hour * deg_per_hour / 60.0,
+            noise=math.radians(self.gyro_noise_deg_per_sqrt_hour) / 60.0,
+            scale=_scaled3(self.gyro_scale_ppm, 1e-6),
+            scale_stddev=self.gyro_scale_stddev_ppm * 1e-6,
+            misalignment=_scaled6(self.gyro_misalignment_arcsec, _ARCSEC),
+            misalignment_stddev=self.gyro_misalignment_stddev_arcsec * _ARCSEC,
+            quantization=self.gyro_quantization_arcsec * _ARCSEC,
+        )
+
+    @property
+    def accel(self) -> TriadErrors:
+        """Of the accelerometers, m/s²."""
+        return TriadErrors(
+            bias=_scaled3(self.accel_bias_ug, _MICRO_G),
+            bias_stddev=self.accel_bias_stddev_ug * _MICRO_G,
+            bias_random_walk=self.accel_bias_random_walk_ug_per_sqrt_hour * _MICRO_G / 60.0,
+            noise=self.accel_noise_ug_per_sqrt_hz * _MICRO_G,
+            scale=_scaled3(self.accel_scale_ppm, 1e-6),
+            scale_stddev=self.accel_scale_stddev_ppm * 1e-6,
+            misalignment=_scaled6(self.accel_misalignment_arcsec, _ARCSEC),
+            misalignment_stddev=self.accel_misalignment_stddev_arcsec * _ARCSEC,
+            quantization=self.accel_quantization_mm_per_s * 1e-3,
+        )
+
+
+PRESETS = {
+    "perfect": ImuErrors(),
+    # ring-laser gyros
+    "navigation": ImuErrors(
+        gyro_bias_stddev_deg_per_hour=0.01,
+        gyro_noise_deg_per_sqrt_hour=0.002,
+        gyro_scale_stddev_ppm=5.0,
+        gyro_misalignment_stddev_arcsec=5.0,
+        accel_bias_stddev_ug=50.0,
+        accel_noise_ug_per_sqrt_hz=10.0,
+        accel_scale_stddev_ppm=50.0,
+        accel_misalignment_stddev_arcsec=5.0,
+    ),
+    # fibre-optic gyros of an underwater vehicle. Per sample at 400 Hz: 0.003 deg/s and 0.02 m/s²
+    "fog_auv": ImuErrors(
+        gyro_bias_stddev_deg_per_hour=0.2,
+        gyro_noise_deg_per_sqrt_hour=0.003 / math.sqrt(400.0) * 60.0,
+        accel_bias_stddev_ug=0.005 / _MICRO_G,
+        accel_noise_ug_per_sqrt_hz=0.02 / math.sqrt(400.0) / _MICRO_G,
+    ),
+    "tactical": ImuErrors(
+        gyro_bias_stddev_deg_per_hour=1.0,
+        gyro_bias_random_walk_deg_per_hour_per_sqrt_hour=0.5,
+        gyro_noise_deg_per_sqrt_hour=0.1,
+        gyro_scale_stddev_ppm=150.0,
+        gyro_misalignment_stddev_arcsec=30.0,
+        accel_bias_stddev_ug=1000.0,
+        accel_bias_random_walk_ug_per_sqrt_hour=50.0,
+        accel_noise_ug_per_sqrt_hz=60.0,
+        accel_scale_stddev_ppm=300.0,
+        accel_misalignment_stddev_arcsec=30.0,
+    ),
+    "mems": ImuErrors(
+        gyro_bias_stddev_deg_per_hour=200.0,
+        gyro_bias_random_walk_deg_per_hour_per_sqrt_hour=20.0,
+        gyro_noise_deg_per_sqrt_hour=0.3,
+        gyro_scale_stddev_ppm=2000.0,
+        gyro_misalignment_stddev_arcsec=200.0,
+        accel_bias_stddev_ug=5000.0,
+        accel_bias_random_walk_ug_per_sqrt_hour=300.0,
+        accel_noise_ug_per_sqrt_hz=150.0,
+        accel_scale_stddev_ppm=2000.0,
+        accel_misalignment_stddev_arcsec=200.0,
+    ),
+}
+"""Inertial units by class; the biases, scale factors and misalignments of a unit are drawn from the seed."""
+
+
+class Fixes(NamedTuple):
+    """GNSS fixes of the antenna, m of them."""
+
+    stamps_ns: NDArray[np.int64]
+    lat: Array
+    """(m,), rad."""
+    lon: Array
+    """(m,), rad."""
+    height: Array
+    """(m,), ellipsoidal, m."""
+    stddev: Triple
+    """East, north, up, m."""
+
+
+@dataclass(frozen=True)
+class GnssReceiver:
+    """Position fixes with white noise."""
+
+    rate: float = 1.0
+    """Fixes a second, 0 for none."""
+    horizontal_stddev: float = 1.0
+    """East and north, each, m."""
+    vertical_stddev: float = 1.5
+    """m."""
+    lever_arm: Triple = _NONE3
+    """Antenna from the IMU, on body axes, m."""
+
+    def fixes(self, trajectory: Trajectory, stamps_ns: NDArray[np.int64], seed: int) -> Fixes:
+        """Fixes at the trajectory's instants nearest to the receiver's.
+
+        Parameters
+        ----------
+        trajectory : Trajectory
+            n + 1 instants.
+        stamps_ns : ndarray, shape (n + 1,)
+            Their stamps.
+        seed : int
+            Not negative.
+
+        Raises
+        ------
+        InsNavError
+            If the receiver is faster than the trajectory.
+        """
+        if self.rate * trajectory.interval > 1.0:
+            raise InsNavError(f"gnss.rate {self.rate:g} Hz is above the IMU's rate; lower it")
+        count = int(trajectory.time[-1] * self.rate + 1e-6) + 1 if self.rate else 0
+        index = np.rint(np.arange(count) / np.float64(self.rate * trajectory.interval)).astype(np.int64)
+        stddev = (self.horizontal_stddev, self.horizontal_stddev, self.vertical_stddev)
+        noise = stddev * stream(seed, "gnss.noise").standard_normal((count, 3))
+        x, y, z, w = trajectory.q_nb[index].T
+        # lever arm turned to east-north-up
+        arm = np.array(self.lever_arm)
+        vector = np.stack([x, y, z], axis=-1)
+        turned = 2.0 * np.cross(vector, arm)
+        offset = noise + arm + w[:, None] * turned + np.cross(vector, turned)
+        lat, lon, height = _moved(trajectory.lat[index], trajectory.lon[index], trajectory.height[index], offset)
+        return Fixes(stamps_ns[index], lat, lon, height, stddev)
+
+
+def stream(seed: int, name: str) -> np.random.Generator:
+    """The random numbers of one named source."""
+    if seed < 0:
+        raise InsNavError(f"seed {seed} is negative; give 0 or more")
+    return np.random.default_rng([seed, *name.encode()])
+
+
+def _moved(lat: Array, lon: Array, height: Array, offset: Array) -> tuple[Array, Array, Array]:
+    """Position moved by a few metres east, north, up (n, 3); to d²/2R (0.1 mm at 30 m), at the poles too."""
+    meridian, prime_vertical = earth.principal_radii(np.sin(lat))
+    east, north = offset[:, 0] / (prime_vertical + height), offset[:, 1] / (meridian + height)
+    sl, cl, so, co = np.sin(lat), np.cos(lat), np.sin(lon), np.cos(lon)
+    x = cl * co - east * so - north * sl * co
+    y = cl * so + east * co - north * sl * so
+    z = sl + north * cl
+    return np.arctan2(z, np.hypot(x, y)), np.arctan2(y, x), height + offset[:, 2]
+
+
+def _scaled3(values: Triple, factor: float) -> Triple:
+    return values[0] * factor, values[1] * factor, values[2] * factor
+
+
+def _scaled6(values: Six, factor: float) -> Six:
+    a, b, c, d, e, f = (value * factor for value in values)
+    return a, b, c, d, e, f

@@ -1,0 +1,23 @@
+"""Start ins_node with a parameter file, in a namespace: ros2 launch ins_nav ins.launch.py params_file:=my.yaml."""
+
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument
+from launch.substitutions import LaunchConfiguration
+from launch_ros.actions import Node
+
+
+def generate_launch_description() -> LaunchDescription:
+    return LaunchDescription(
+        [
+            DeclareLaunchArgument("params_file", description="ROS 2 parameter YAML (/**: ros__parameters:)"),
+            DeclareLaunchArgument("namespace", default_value="", description="Namespace of topics and services"),
+            Node(
+                package="ins_nav",
+                executable="ins_node",
+                name="ins_node",
+                namespace=LaunchConfiguration("namespace"),
+                parameters=[LaunchConfiguration("params_file")],
+                output="screen",
+            ),
+        ]
+    )
