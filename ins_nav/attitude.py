@@ -72,14 +72,20 @@ def from_euler(roll: float, pitch: float, yaw: float) -> Quaternion:
 
 
 def to_euler(q: Quaternion) -> tuple[float, float, float]:
-    """Roll, pitch and yaw, rad, of a unit quaternion; roll and yaw in (-pi, pi]."""
+    """Roll, pitch and yaw, rad, of a unit quaternion; roll and yaw in [-pi, pi].
+
+    By half sum and half difference of roll and yaw, whose sines and cosines are the four terms below times
+    cos(pitch) -+ sin(pitch) of half the angle: exact at a pitch of 90 degrees too, where one of the two is free.
+    """
     x, y, z, w = q
-    roll = math.atan2(2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y))
-    pitch = math.asin(max(-1.0, min(1.0, 2.0 * (w * y - x * z))))
-    yaw = math.atan2(2.0 * (x * y + w * z), 1.0 - 2.0 * (y * y + z * z))
+    pitch = 2.0 * math.atan2(math.hypot(w + y, x - z), math.hypot(w - y, x + z)) - 0.5 * math.pi
+    half_sum = math.atan2(x + z, w - y)
+    half_difference = math.atan2(x - z, w + y)
+    roll = math.remainder(half_sum + half_difference, 2.0 * math.pi)
+    yaw = math.remainder(half_sum - half_difference, 2.0 * math.pi)
     return roll, pitch, yaw
 
 
 def heading_from_yaw(yaw: float) -> float:
-    """Heading, rad in [0, 2 pi), clockwise from north, from ROS yaw (the same formula takes it back)."""
+    """Heading, rad in [0, 2 pi], clockwise from north, from ROS yaw (the same formula takes it back)."""
     return (0.5 * math.pi - yaw) % (2.0 * math.pi)

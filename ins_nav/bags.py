@@ -8,6 +8,7 @@ can be read, and then raises `DamagedBagError`.
 import difflib
 import heapq
 from collections.abc import Iterable, Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -163,20 +164,21 @@ class BagReader:
         self.end_ns = 0
         self.damage = ""
         self._sources: list[Source] = []
+        self._opened = ExitStack()
         self._stores: dict[str, Typestore] = {}
 
     def __enter__(self) -> Self:
         try:
             self._open()
         except BaseException:
-            self._close()
+            self._opened.close()
             raise
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._close()
+        self._opened.close()
 
     def topic(self, name: str) -> str:
         """Name as recorded, for a name with or without its leading slash; BagError if it is not in the bag."""
@@ -208,8 +210,14 @@ class BagReader:
             ) from error
 
     def _open(self) -> None:
-        for file in self._files():
-            self._sources.append(self._open_file(file))
+        files = self._files()
+        for file in files:
+            try:
+                self._sources.append(self._open_file(file))
+            except BagError as error:
+                if len(files) == 1:
+                    raise
+                self._note(str(error))
         for source in self._sources:
             for c in source.connections:
                 known = self.topics.get(c.topic, TopicInfo(c.msgtype, 0, False))
@@ -219,10 +227,6 @@ class BagReader:
             raise BagError(f"{self.path}: has no messages{'; ' + self.damage if self.damage else ''}")
         self.start_ns = min(source.start_time for source in filled)
         self.end_ns = max(source.end_time for source in filled) - 1
-
-    def _close(self) -> None:
-        while self._sources:
-            self._sources.pop().close()
 
     def _files(self) -> list[Path]:
         """The storage files of the recording: as metadata.yaml lists them, or else as they lie in the folder."""
@@ -261,6 +265,7 @@ class BagReader:
             # rosbags gives up where such a file is not in order of its stamps
             reader.close()
             return self._recovered(file) or reader
+        self._opened.callback(reader.close)
         return reader
 
     def _recovered(self, file: Path) -> RecoveredMcap | RecoveredSqlite | None:
@@ -271,6 +276,7 @@ class BagReader:
             recovered = _RECOVERY[file.suffix](file)
         except ReaderError as error:
             raise BagError(f"{file}: {error}") from error
+        self._opened.callback(recovered.close)
         if recovered.damage:
             self._note(f"{file.name}: {recovered.damage}")
         return recovered
@@ -307,7 +313,7 @@ class BagReader:
             self._note(f"{source.path}: {reason}")
         if recovered is None:
             return
-        self._sources.append(recovered)  # to be closed with the others
+        self._sources = [recovered if s is source else s for s in self._sources]  # for whoever reads the bag again
         connections = [c for c in recovered.connections if c.topic in wanted]
         for c, stamp_ns, data in recovered.messages(connections, start_ns):
             if done[c.topic]:

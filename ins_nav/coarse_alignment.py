@@ -40,6 +40,8 @@ from ins_nav.strapdown import Sample, compensated_increments
 _BLOCKS = 120
 """Blocks in an alignment: enough to tell the noise processes apart, few enough for dense algebra in 0.1 s."""
 _MIN_BLOCKS = 12
+_MAX_SAMPLES = 100_000
+"""Samples kept to judge noise and units by: four minutes at 400 Hz, 40 MB."""
 _GRAVITY_TOLERANCE = 0.5
 """m/s²: 50 mg, beyond any accelerometer's bias."""
 _STUDENT_FREEDOM = 3.0
@@ -55,6 +57,13 @@ _ACCEL_EXCESS = math.log(10.0)
 """Accelerometers' noise over whole blocks may exceed what their white noise makes (1/f): logarithm, in variance."""
 _LOG_RANGE_WHITE, _LOG_RANGE = 14.0, 25.0
 """How far below the whole variance an intensity is sought."""
+_STRAIGHT_TIME = 600.0
+"""s: gravity's path bends away from its tangent later; the bend is 0.1 m/s of seeming velocity here."""
+_DEGREES_TOLERANCE = 0.2
+"""Rates are in degrees per second when that makes them the Earth's to this share: 3 °/h, any bias of good gyros."""
+_DEGREES = (
+    "angular velocity agrees with the turning of gravity only as degrees per second: publish angular_velocity in rad/s"
+)
 _REST_SPEED = 0.05
 """m/s: below this RMS the base stands, and velocity is zero rather than estimated."""
 
@@ -127,6 +136,7 @@ class CoarseAlignment:
     def __init__(
         self, duration: float, gyro_bias_stddev: float = 0.0, accel_bias_stddev: float = 0.0, max_speed: float = 2.0
     ) -> None:
+        self._duration = duration
         self._block_length = duration / _BLOCKS
         self._gyro_bias_stddev = gyro_bias_stddev
         self._accel_bias_stddev = accel_bias_stddev
@@ -156,7 +166,7 @@ class CoarseAlignment:
         AlignmentError
             When specific force is not that of an IMU at rest in m/s².
         """
-        if self._time < self._block_length * _BLOCKS:
+        if self._time < self._duration and len(self._samples) < _MAX_SAMPLES:
             self._samples.append((previous, sample, instantaneous))
         if self._integrate(previous, sample, instantaneous, 1.0):
             self._check(self._gathered())
@@ -194,18 +204,21 @@ class CoarseAlignment:
         self._blocks.append((self._block_start + 0.5 * length, length, v[0] / length, v[1] / length, v[2] / length))
         self._block_start = self._time
         self._velocity = [0.0, 0.0, 0.0]
+        if len(self._blocks) == 2 * _BLOCKS:
+            self._join_blocks()
         return True
+
+    def _join_blocks(self) -> None:
+        """Halve the number of blocks: an alignment that waits for a position keeps its memory and its time."""
+        pairs = np.array(self._blocks).reshape(_BLOCKS, 2, 5)
+        length = pairs[:, :, 1].sum(axis=1)
+        joined = (pairs * pairs[:, :, 1:2]).sum(axis=1) / length[:, None]
+        joined[:, 1] = length
+        self._blocks = [(t, h, x, y, z) for t, h, x, y, z in joined.tolist()]
+        self._block_length *= 2.0
 
     def _gathered(self) -> _Blocks:
         blocks = np.array(self._blocks)
-        merge = -(-len(blocks) // (2 * _BLOCKS))  # an alignment that waited for a position: longer blocks
-        if merge > 1:
-            n = len(blocks) // merge
-            blocks = blocks[len(blocks) - n * merge :].reshape(n, merge, 5)
-            weight = blocks[:, :, 1:2] / blocks[:, :, 1:2].sum(axis=1, keepdims=True)
-            means = (weight * blocks).sum(axis=1)
-            means[:, 1] = blocks[:, :, 1].sum(axis=1)
-            blocks = means
         return _Blocks(blocks[:, 0], blocks[:, 2:], float(blocks[:, 1].mean()), self._time)
 
     def _check(self, blocks: _Blocks) -> None:
@@ -217,29 +230,35 @@ class CoarseAlignment:
             )
         if len(blocks.time) < _MIN_BLOCKS:
             return
-        fitted = _trend(blocks.time) @ np.linalg.lstsq(_trend(blocks.time), blocks.force, rcond=None)[0]
-        velocity = np.cumsum(blocks.force - fitted, axis=0) * blocks.length
-        speed = float(np.abs(velocity - velocity.mean(axis=0)).max())
+        speed = _seeming_speed(blocks)
         if speed > self._max_speed:
             if self._gyro_in_degrees(speed):
-                raise AlignmentError(
-                    "angular velocity agrees with the turning of gravity only as degrees per second: "
-                    "publish angular_velocity in rad/s"
-                )
+                raise AlignmentError(_DEGREES)
             raise MovedError(
                 f"the base moved off after {self._time:.1f} s (speed {speed:.1f} m/s, limit "
                 f"alignment.max_speed {self._max_speed:g}): stand still, or rock without travelling"
             )
 
+    def _check_turning(self, gravity: float, normal: float) -> None:
+        """Raise when specific force has the right size, but the gyros do not carry its direction."""
+        size = float(np.mean([math.hypot(*sample[4:7]) for _, sample, _ in self._samples]))
+        if abs(size - normal) > _GRAVITY_TOLERANCE or size - gravity < _GRAVITY_TOLERANCE:
+            return
+        if self._gyro_in_degrees(_seeming_speed(self._gathered())):
+            raise AlignmentError(_DEGREES)
+        raise AlignmentError(
+            "angular velocity does not turn with the direction of specific force: "
+            "check the unit and the axes (x forward, y left, z up) of both"
+        )
+
     def _gyro_in_degrees(self, speed: float) -> bool:
         """Whether the same data makes far better sense with the gyros' output taken as degrees per second."""
-        if self._time > self._block_length * _BLOCKS * 1.01:
+        if self._time > 1.01 * self._duration or len(self._samples) == _MAX_SAMPLES:
             return False  # it agreed long enough with radians
-        trial = CoarseAlignment(self._block_length * _BLOCKS)
+        trial = CoarseAlignment(self._duration)
         for sample in self._samples:
             trial._integrate(*sample, math.radians(1.0))
-        force = trial._gathered().force
-        return float(np.abs(force - force.mean(axis=0)).sum(axis=0).max()) * trial._block_length < 0.1 * speed
+        return _seeming_speed(trial._gathered()) < 0.1 * speed
 
     def solve(self, lat: float, height: float, heading: float | None = None) -> Alignment:
         """Attitude at the last sample.
@@ -257,12 +276,16 @@ class CoarseAlignment:
             Too little data, a latitude too near the pole, specific force or rates that are not an IMU's.
         """
         if len(self._blocks) < _MIN_BLOCKS:
-            raise AlignmentError(f"only {self._time:.2f} s of data: wait for more")
+            raise AlignmentError(
+                f"{self._time:.2f} s with {len(self._blocks)} samples or blocks of them, {_MIN_BLOCKS} are needed: "
+                "align for longer"
+            )
         blocks = self._gathered()
         self._check(blocks)
         gravity = float(np.linalg.norm(blocks.force.mean(axis=0)))
         normal = normal_gravity(math.sin(lat), height)
         if abs(gravity - normal) > _GRAVITY_TOLERANCE:
+            self._check_turning(gravity, normal)
             raise AlignmentError(
                 f"mean specific force is {gravity:.3f} m/s², gravity here {normal:.3f}: check the unit of "
                 "linear_acceleration, and that gravity has not been taken out of it"
@@ -274,20 +297,20 @@ class CoarseAlignment:
             )
 
         rot_b0g0 = _first_guess(blocks)
+        limits = self._noise_limits(gravity, blocks.length)
         noise = None
         for _ in range(4):
-            deviation = blocks.force @ rot_b0g0 / gravity - _cone(lat, blocks.time)
-            series = deviation[:, :2]
+            series = (blocks.force @ rot_b0g0 / gravity - _cone(lat, blocks.time))[:, :2]
             if noise is None:
-                noise = _Noise.of(blocks, series, self._noise_limits(gravity, blocks.length))
+                noise = _Noise.of(blocks, series, limits)
             fit = noise.fit(series)
             turn = math.atan2(fit.slope[1], horizontal_rate + fit.slope[0]) if heading is None else 0.0
             rot_b0g0 = rot_b0g0 @ Rotation.from_rotvec([-fit.level[1], fit.level[0], turn]).as_matrix()
             if abs(turn) > 0.01 or np.abs(fit.level).max() > 1e-3:
                 noise = None  # the axes were still turning
-        series = (blocks.force @ rot_b0g0 / gravity - _cone(lat, blocks.time))[:, :2]
-        assert noise is not None
-        fit = noise.fit(series)
+        deviation = blocks.force @ rot_b0g0 / gravity - _cone(lat, blocks.time)
+        noise = noise or _Noise.of(blocks, deviation[:, :2], limits)
+        fit = noise.fit(deviation[:, :2])
         found_rate = horizontal_rate + fit.slope[0]
 
         # Attitude now: the vertical where it is at the end, not where the fit had it at the start
@@ -296,14 +319,15 @@ class CoarseAlignment:
         axis = np.array([0.0, math.cos(lat), math.sin(lat)])
         rot_gb = Rotation.from_rotvec(-RATE * self._time * axis) * tilt * rot_g0b
 
-        covariance = self._covariance(fit, gravity, found_rate if heading is None else math.inf)
+        covariance = self._covariance(fit, gravity, lat, found_rate if heading is None else math.inf)
         if heading is None:
             self._check_rate(fit, found_rate, horizontal_rate, lat, covariance)
         else:
             forward = rot_gb.as_matrix()[:, 0]
             turn = math.atan2(forward[0], forward[1]) - heading
+            covariance[:2, :2] += np.eye(2) * self._excess(fit, horizontal_rate) ** 2
             rot_gb = Rotation.from_rotvec([0.0, 0.0, turn]) * rot_gb
-        velocity, speed_stddev = self._end_velocity(blocks, noise, series, fit, gravity, rot_b0g0)
+        velocity, speed_stddev = self._end_velocity(blocks, noise, deviation, fit, gravity, lat, rot_b0g0)
         q = rot_gb.as_quat()
         return Alignment(
             (float(q[0]), float(q[1]), float(q[2]), float(q[3])),
@@ -322,21 +346,34 @@ class CoarseAlignment:
         """
         samples = np.array([sample for _, sample, _ in self._samples])
         interval = float(np.median(samples[:, 0]))
-        density = []
+        density, penalty = [], []
         size = 1
         while size == 1 or (size * interval <= 0.25 * block_length and len(samples) >= 24 * size):
             n = len(samples) // size
             means = samples[: n * size, 1:].reshape(n, size, 6).mean(axis=1)
             density.append((np.diff(means, 2, axis=0) ** 2).mean(axis=0) / 6.0 * size * interval)
+            penalty.append(1.0 + 4.0 / math.sqrt(n))  # two sigmas of such a mean square: the least is not the luckiest
             size *= 2
-        gyro, accel = np.min(density, axis=0).reshape(2, 3).mean(axis=1)
+        least = np.argmin(np.array(density) * np.array(penalty)[:, None], axis=0)
+        gyro, accel = np.array(density)[least, np.arange(6)].reshape(2, 3).mean(axis=1)
         return np.array([accel / gravity**2 / block_length, gyro])
 
-    def _covariance(self, fit: "_Fit", gravity: float, rate: float) -> NDArray[np.float64]:
-        level = fit.end_variance + (self._accel_bias_stddev / gravity) ** 2
-        up = (fit.slope_variance + self._gyro_bias_stddev**2) / rate**2
+    def _covariance(self, fit: "_Fit", gravity: float, lat: float, rate: float) -> NDArray[np.float64]:
+        tilt = self._accel_bias_stddev / gravity
+        level = fit.end_variance + tilt**2
+        # a tilt east by the accelerometer's bias turns with the Earth about the vertical: a false rate north
+        up = (fit.slope_variance + self._gyro_bias_stddev**2 + (RATE * math.sin(lat) * tilt) ** 2) / rate**2
         cross = -fit.end_slope_covariance / rate  # north deviation is minus the turn about east
         return np.array([[level, 0.0, cross], [0.0, level, 0.0], [cross, 0.0, up]])
+
+    def _excess(self, fit: "_Fit", horizontal_rate: float) -> float:
+        """Error of the level, rad, that a turning of gravity betrays which is neither the Earth's nor the gyros'.
+
+        A slow surge in a short alignment looks so: there is no telling it from a level that drifts.
+        """
+        stddev = math.sqrt(fit.slope_variance + self._gyro_bias_stddev**2)
+        error = float(np.hypot(*fit.slope)) - 2.0 * horizontal_rate  # the axes' azimuth is not that of the cone here
+        return 0.5 * self._time * error if error > 3.0 * stddev else 0.0
 
     def _check_rate(
         self, fit: "_Fit", found: float, expected: float, lat: float, covariance: NDArray[np.float64]
@@ -347,10 +384,16 @@ class CoarseAlignment:
             f"gravity turns at {degrees_per_hour:.2f} °/h, the Earth at latitude {math.degrees(lat):.2f}° "
             f"at {math.degrees(expected) * 3600.0:.2f} °/h"
         )
-        if 40.0 < found / expected < 80.0:
+        up_rate, expected_up = self._vertical_rate(), RATE * math.sin(lat)
+        in_degrees = math.hypot(math.radians(found) - expected, math.radians(up_rate) - expected_up)
+        if in_degrees < _DEGREES_TOLERANCE * RATE:
             raise AlignmentError(f"{text}: angular velocity is in degrees per second, publish it in rad/s")
         stddev = math.sqrt(fit.slope_variance + self._gyro_bias_stddev**2)
         error = abs(found - expected)
+        if found < 0.1 * expected and error > 3.0 * stddev:
+            raise AlignmentError(
+                f"{text}: the gyros do not feel the Earth turn (a simulated IMU, a dead zone?); give initial.heading_deg"
+            )
         if error > 3.0 * stddev:  # a bias the parameters do not know of: the east gyro's is likely as large
             covariance[2, 2] += (error / found) ** 2
         if covariance[2, 2] > math.radians(30.0) ** 2:
@@ -359,24 +402,34 @@ class CoarseAlignment:
                 "align for longer, use better gyros, or give initial.heading_deg"
             )
 
+    def _vertical_rate(self) -> float:
+        """Mean turning about the vertical, rad/s."""
+        h, wx, wy, wz, fx, fy, fz = np.array([sample for _, sample, _ in self._samples]).T
+        up = np.array([h @ fx, h @ fy, h @ fz])
+        return float(up @ [h @ wx, h @ wy, h @ wz] / (np.linalg.norm(up) * h.sum()))
+
     def _end_velocity(
         self,
         blocks: _Blocks,
         noise: "_Noise",
-        series: NDArray[np.float64],
+        deviation: NDArray[np.float64],
         fit: "_Fit",
         gravity: float,
+        lat: float,
         rot_b0g0: NDArray[np.float64],
     ) -> tuple[tuple[float, float, float], float]:
         """Velocity at the end of a base that surges and heaves but goes nowhere: its mean over the time is zero."""
-        up = blocks.force @ rot_b0g0[:, 2] - gravity
-        residual = np.column_stack([gravity * (series - noise.attitude_part(series, fit)), up])
+        residual = gravity * deviation
+        residual[:, :2] -= gravity * noise.attitude_part(deviation[:, :2], fit)
+        rest = self._time - self._block_start  # the block not yet complete
+        vertical_now = _cone(lat, np.array([self._time - 0.5 * rest]))[0] + [*fit.end, 0.0]
+        since = np.array(self._velocity) @ rot_b0g0 - gravity * rest * vertical_now
         velocity = np.cumsum(residual, axis=0) * blocks.length
         drift = np.vander(blocks.time / blocks.total, 3)  # what slow errors of the accelerometers leave
         velocity -= drift @ np.linalg.lstsq(drift, velocity, rcond=None)[0]
         rms = np.sqrt((velocity**2).mean(axis=0))
         moving = rms > _REST_SPEED
-        last = np.where(moving, velocity[-1], 0.0)
+        last = np.where(moving, velocity[-1] + since, 0.0)
         stddev = float(np.where(moving, 0.5 * rms, 0.2 * _REST_SPEED).max())
         east, north, vertical = Rotation.from_rotvec([0.0, 0.0, -RATE * self._time]).apply(last)
         return (float(east), float(north), float(vertical)), stddev
@@ -384,6 +437,16 @@ class CoarseAlignment:
 
 def _trend(time: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.column_stack([np.ones_like(time), time])
+
+
+def _seeming_speed(blocks: _Blocks) -> float:
+    """Largest velocity, m/s, of what the path of gravity does not explain."""
+    basis = _trend(blocks.time)
+    if blocks.total > _STRAIGHT_TIME:
+        basis = np.column_stack([basis, 1.0 - np.cos(RATE * blocks.time)])
+    fitted = basis @ np.linalg.lstsq(basis, blocks.force, rcond=None)[0]
+    velocity = np.cumsum(blocks.force - fitted, axis=0) * blocks.length
+    return float(np.abs(velocity - velocity.mean(axis=0)).max())
 
 
 def _cone(lat: float, time: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -44,7 +44,7 @@ def principal_radii(sin_lat):
     Returns
     -------
     meridian, prime_vertical : float or ndarray
-        Radii of the meridian (R_E of the alignment paper) and of the prime vertical (R_N), m ([1]_, 2.105-106).
+        Radii of the meridian (R_N of the alignment paper) and of the prime vertical (R_E), m ([1]_, 2.105-106).
     """
     x = 1.0 - ECCENTRICITY_SQUARED * sin_lat * sin_lat
     prime_vertical = SEMI_MAJOR_AXIS / x**0.5

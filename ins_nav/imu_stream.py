@@ -36,13 +36,18 @@ class ImuStream:
         Largest credible angular rate, rad/s, and specific force, m/s².
     max_gap : float
         Longest gap that is bridged, s.
+    instantaneous : bool
+        Samples are values at their stamps, not means over the intervals they end.
     """
 
-    def __init__(self, health: Health, max_rate: float, max_force: float, max_gap: float) -> None:
+    def __init__(
+        self, health: Health, max_rate: float, max_force: float, max_gap: float, instantaneous: bool = False
+    ) -> None:
         self._health = health
         self._max_rate2 = max_rate**2
         self._max_force2 = max_force**2
         self._max_gap = max_gap
+        self._instantaneous = instantaneous
         self._stamp = 0
         self._last: tuple[float, ...] | None = None
         self._pending: tuple[int, tuple[float, ...]] | None = None
@@ -123,6 +128,14 @@ class ImuStream:
                     stamp_ns,
                 )
                 return self._irregular(stamp_ns, h, values) if h > self._regular else (self._take(stamp_ns, h, values),)
+            if not -_RESTART_BACK < h <= 0.0:  # a third place: neither goes on from the other
+                self._health.note(
+                    "stamp outliers",
+                    WARN,
+                    f"{TOPIC}: stamps jump at every message ({h:+.3f} s now), samples rejected: check the driver's "
+                    f"clock; a rate below {1.0 / _FIRST_GAP:g} Hz is too slow",
+                    stamp_ns,
+                )
         if h == 0.0:
             self._health.note(
                 "repeated stamps",
@@ -163,14 +176,15 @@ class ImuStream:
         lost = round(h / regular) - 1
         if lost > 0:
             self._health.note(
-                "gaps",
+                "gaps" if h <= _FIRST_GAP else "long gaps",
                 WARN,
                 f"{TOPIC}: gap of {h:.3f} s, about {lost} samples lost, bridged by interpolation: "
                 "check the QoS depth, the network and the driver",
                 stamp_ns,
             )
             self._health.counts["samples lost"] = self._health.counts.get("samples lost", 0) + lost
-        share = 0.5 * max(0.0, h - regular) / h
+        # values at the stamps need no mean: the straight line between them is what `step` takes
+        share = 0.0 if self._instantaneous else 0.5 * max(0.0, h - regular) / h
         last = self._last
         taken, _ = self._take(stamp_ns, h, values)
         mean = tuple(share * a + (1.0 - share) * b for a, b in zip(last, values, strict=True))

@@ -87,7 +87,7 @@ def input_topics(reader: BagReader, remap: dict[str, str]) -> dict[str, str]:
                 raise BagError(f"{reader.path}: {topic} is {info.msgtype}; {target} must be {INPUTS[target]}")
             names[topic] = target
     if "/imu/data_raw" not in names.values():
-        imus = [topic for topic, info in reader.topics.items() if info.msgtype == _IMU]
+        imus = [topic for topic, info in reader.topics.items() if info.msgtype == _IMU and topic not in remap]
         hint = f": add --remap {imus[0]}:=/imu/data_raw" if imus else f"; it has {', '.join(reader.topics)}"
         raise BagError(f"{reader.path}: no topic /imu/data_raw{hint}")
     return names

@@ -72,14 +72,16 @@ class RecoveredSqlite:
             header = file.read(_HEADER_SIZE)
         if len(header) < _HEADER_SIZE or not header.startswith(b"SQLite format 3\0"):
             raise ReaderError("is not a sqlite3 file" if header else "is empty")
-        page_size, pages = struct.unpack(">H", header[16:18])[0], struct.unpack(">I", header[28:32])[0]
-        full, size = (65536 if page_size == 1 else page_size) * pages, self.path.stat().st_size
+        (page_size,), (pages,) = struct.unpack(">H", header[16:18]), struct.unpack(">I", header[28:32])
+        page_size = 65536 if page_size == 1 else page_size
+        full, size = page_size * pages, self.path.stat().st_size
         if size >= full:
             return self.path.resolve()
         self.damage = f"cut off at byte {size} of {full}"
         copy = Path(self._folder.name, self.path.name)
         shutil.copyfile(self.path, copy)
         with copy.open("r+b") as file:
+            file.truncate(size // page_size * page_size)  # a page in part would pass for a whole one
             file.truncate(full)
         return copy
 
@@ -92,7 +94,8 @@ class RecoveredSqlite:
                 for stamp_ns, row, topic in rows:
                     if row in found:
                         break
-                    found[row] = stamp_ns, row, topic
+                    if isinstance(stamp_ns, int) and isinstance(topic, int):
+                        found[row] = stamp_ns, row, topic
                 if order == "ASC":
                     break  # all of them
             except sqlite3.DatabaseError as error:

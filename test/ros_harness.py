@@ -186,11 +186,11 @@ class Listener:
         return code
 
     def close(self) -> None:
-        """Let go of the stream."""
+        """Let go of the stream; what was taken in stays."""
         self._stream.close()
 
     def _take_in(self) -> None:
-        while True:
+        while not self._stream.closed:
             place = self._stream.tell()
             try:
                 topic, received_ns, content = pickle.load(self._stream)

@@ -8,7 +8,6 @@ latched again; parameters ``qos_overrides./TOPIC.publisher.*`` change that.
 
 import argparse
 import contextlib
-import difflib
 import math
 import os
 import select
@@ -35,7 +34,7 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 from std_srvs.srv import Trigger
 from tqdm import tqdm
 
-from ins_nav.bags import BagReader, DamagedBagError
+from ins_nav.bags import BagReader, DamagedBagError, suggestion
 from ins_nav.errors import InsNavError, for_people
 from ins_nav.nodes.runtime import init, message_class, spin
 
@@ -320,8 +319,7 @@ def _options(args: list[str]) -> argparse.Namespace:
     options, unknown = parser.parse_known_args(args)
     if unknown:
         known = [name for action in parser._actions for name in action.option_strings]
-        close = difflib.get_close_matches(unknown[0], known, n=1)
-        parser.error(f"unknown argument {unknown[0]!r}" + (f" (did you mean {close[0]}?)" if close else ""))
+        parser.error(f"unknown argument {unknown[0]!r}{suggestion(unknown[0], known)}")
     return options
 
 
@@ -331,11 +329,14 @@ def _run(player: Player, bag: BagReader, options: argparse.Namespace) -> None:
         _say("not played: " + "; ".join(f"{topic} ({reason})" for topic, reason in player.skipped.items()))
     player.wait_for_subscribers(options.wait_for_subscribers)
     began = time.monotonic()
-    total = (bag.end_ns - bag.start_ns) * 1e-9
     damage: DamagedBagError | None = None
     with (
         _keyboard(player.toggle_paused) as idle,
-        tqdm(total=round(total, 1), unit="s", disable=True if options.no_progress else None) as bar,
+        tqdm(
+            total=(bag.end_ns - bag.start_ns) * 1e-9,
+            bar_format="{percentage:3.0f}%|{bar}| {n:.1f} of {total:.1f} s [{elapsed}<{remaining}]",
+            disable=True if options.no_progress else None,  # None: where stderr is no terminal
+        ) as bar,
     ):
 
         def progress(stamp_ns: int) -> None:

@@ -18,7 +18,7 @@ from std_srvs.srv import Trigger
 
 from ins_nav import messages
 from ins_nav.errors import InsNavError, for_people
-from ins_nav.health import ERROR, INFO, WARN
+from ins_nav.health import INFO, WARN
 from ins_nav.navigator import Navigator
 from ins_nav.nodes import parameters, runtime
 
@@ -119,9 +119,13 @@ class InsNode(Node):
 
     def _log(self) -> None:
         logger = self.get_logger()
-        told = {INFO: logger.info, WARN: logger.warning, ERROR: logger.error}
         for report in self._navigator.health.drain():
-            told[report.level](report.text)
+            if report.level == INFO:  # rclpy wants one severity a place in the source
+                logger.info(report.text)
+            elif report.level == WARN:
+                logger.warning(report.text)
+            else:
+                logger.error(report.text)
 
     def _on_timer(self) -> None:
         self._log()

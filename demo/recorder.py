@@ -1,0 +1,94 @@
+"""Records a live ins_node: recorder.py BAG. Tells by one line of JSON how long samples take to come back.
+
+Ends when stdin is closed, after diagnostics that can have missed nothing.
+"""
+
+import json
+import struct
+import sys
+import threading
+import time
+from collections.abc import Callable
+
+import numpy as np
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
+
+from ins_nav.bags import BagWriter
+from ins_nav.nodes.runtime import init, message_class, spin
+
+_TYPES = {
+    "imu/data_raw": "sensor_msgs/msg/Imu",
+    "odometry": "nav_msgs/msg/Odometry",
+    "imu/data": "sensor_msgs/msg/Imu",
+    "fix": "sensor_msgs/msg/NavSatFix",
+    "imu/bias": "sensor_msgs/msg/Imu",
+    "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
+}
+_LATCHED = ("imu/bias",)
+_DEPTH = 5000  # 5 s at 5 times 200 Hz
+_STAMP = struct.Struct("<iI")  # of the header, behind the 4 bytes of CDR's own
+
+
+class Recorder(Node):
+    """Keeps what comes, in memory: writing at once would be in the way of what it measures."""
+
+    def __init__(self) -> None:
+        super().__init__("recorder")
+        self.received: dict[str, list[tuple[int, bytes]]] = {topic: [] for topic in _TYPES}
+        self._closed = threading.Event()
+        self._last_ones = 0
+        for topic, msgtype in _TYPES.items():
+            latched = DurabilityPolicy.TRANSIENT_LOCAL if topic in _LATCHED else DurabilityPolicy.VOLATILE
+            qos = QoSProfile(depth=_DEPTH, durability=latched)
+            self.create_subscription(message_class(msgtype), topic, self._keeper(topic), qos, raw=True)
+        self._greeting = self.create_timer(0.1, self._greet)
+        threading.Thread(target=self._wait_for_the_end, daemon=True).start()
+
+    def _keeper(self, topic: str) -> Callable[[bytes], None]:
+        keep, now = self.received[topic].append, time.monotonic_ns
+        if topic != "/diagnostics":
+            return lambda data: keep((now(), data))
+
+        def keep_and_end(data: bytes) -> None:
+            keep((now(), data))
+            self._last_ones += self._closed.is_set()
+            if self._last_ones == 2:  # the first may tell of a moment before the last sample
+                self.context.try_shutdown()
+
+        return keep_and_end
+
+    def _greet(self) -> None:
+        if self.count_publishers("odometry"):
+            print("ready", flush=True)
+            self._greeting.cancel()
+
+    def _wait_for_the_end(self) -> None:
+        sys.stdin.read()
+        self._closed.set()
+
+
+def latency_ms(samples: list[tuple[int, bytes]], solutions: list[tuple[int, bytes]]) -> np.ndarray:
+    """From hearing a sample to hearing its solution, both in this process."""
+    heard = {_STAMP.unpack_from(data, 4): at for at, data in samples}
+    back = ((at, heard.get(_STAMP.unpack_from(data, 4))) for at, data in solutions)
+    return np.array([(at - since) * 1e-6 for at, since in back if since is not None])
+
+
+def main() -> None:
+    (path,) = init()
+    recorder = Recorder()
+    spin(recorder)
+    with BagWriter(path, overwrite=True) as bag:
+        for topic, msgtype in _TYPES.items():
+            bag.add_topic(topic, msgtype, latched=topic in _LATCHED)
+            if topic != "imu/data_raw":  # the recording that is played has it
+                for at, data in recorder.received[topic]:
+                    bag.write_raw(topic, msgtype, data, at)
+    delays = latency_ms(recorder.received["imu/data_raw"], recorder.received["odometry"])
+    percentiles = np.percentile(delays, [50, 99]).tolist() if len(delays) else None
+    print(json.dumps({"latency_ms": percentiles}))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""Figures and tables out of result bags, against a reference when there is one."""
