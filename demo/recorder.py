@@ -38,12 +38,17 @@ class Recorder(Node):
         self.received: dict[str, list[tuple[int, bytes]]] = {topic: [] for topic in _TYPES}
         self._closed = threading.Event()
         self._last_ones = 0
-        for topic, msgtype in _TYPES.items():
-            latched = DurabilityPolicy.TRANSIENT_LOCAL if topic in _LATCHED else DurabilityPolicy.VOLATILE
-            qos = QoSProfile(depth=_DEPTH, durability=latched)
-            self.create_subscription(message_class(msgtype), topic, self._keeper(topic), qos, raw=True)
+        for topic in _TYPES:
+            if topic != "imu/data_raw":
+                self._subscribe(topic)
         self._greeting = self.create_timer(0.1, self._greet)
+        self._joining = self.create_timer(0.1, self._join)
         threading.Thread(target=self._wait_for_the_end, daemon=True).start()
+
+    def _subscribe(self, topic: str) -> None:
+        latched = DurabilityPolicy.TRANSIENT_LOCAL if topic in _LATCHED else DurabilityPolicy.VOLATILE
+        qos = QoSProfile(depth=_DEPTH, durability=latched)
+        self.create_subscription(message_class(_TYPES[topic]), topic, self._keeper(topic), qos, raw=True)
 
     def _keeper(self, topic: str) -> Callable[[bytes], None]:
         keep, now = self.received[topic].append, time.monotonic_ns
@@ -62,6 +67,12 @@ class Recorder(Node):
         if self.count_publishers("odometry"):
             print("ready", flush=True)
             self._greeting.cancel()
+
+    def _join(self) -> None:
+        """Listen to the samples, now that the node has some: the player waits for the node then, and not for us."""
+        if self.received["odometry"]:
+            self._subscribe("imu/data_raw")
+            self._joining.cancel()
 
     def _wait_for_the_end(self) -> None:
         sys.stdin.read()

@@ -7,6 +7,7 @@ import argparse
 import json
 import os
 import re
+import select
 import signal
 import subprocess
 import sys
@@ -123,13 +124,12 @@ def navigate(bag: Path, live: Path, rate: float) -> tuple[int, list[float] | Non
 def _wait_until_ready(nodes: Nodes, recorder: subprocess.Popen[str]) -> None:
     """Until the recorder has found the node."""
     end = time.monotonic() + _PATIENCE
-    os.set_blocking(_pipe(recorder.stdout).fileno(), False)
-    while "ready" not in _pipe(recorder.stdout).readline():
+    stdout = _pipe(recorder.stdout)
+    while not select.select([stdout], [], [], 0.1)[0]:
         nodes.check()
         if time.monotonic() > end:
             raise InsNavError(f"ins_node and recorder have not found each other within {_PATIENCE:g} s")
-        time.sleep(0.1)
-    os.set_blocking(_pipe(recorder.stdout).fileno(), True)
+    stdout.readline()
 
 
 def _pipe(stream: IO[str] | None) -> IO[str]:
@@ -142,7 +142,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     """The command line."""
     args = _parser().parse_args(argv)
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    args.output.mkdir(parents=True, exist_ok=True)
+    if not 0.0 < args.rate < 1000.0:
+        raise InsNavError(f"--rate {args.rate:g}: give a number above 0, below 1000")
+    try:
+        args.output.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InsNavError(f"{args.output}: cannot make this folder: {error.strerror}") from error
     bag, live, picture = (args.output / name for name in ("simulation", "live", "demo.png"))
 
     stand, duration = (65.0, 100.0) if args.quick else (90.0, 390.0)

@@ -282,7 +282,8 @@ class CoarseAlignment:
             )
         blocks = self._gathered()
         self._check(blocks)
-        gravity = float(np.linalg.norm(blocks.force.mean(axis=0)))
+        mean_cone = _cone(lat, blocks.time).mean(axis=0)  # the mean of directions is shorter than they are
+        gravity = float(np.linalg.norm(blocks.force.mean(axis=0)) / np.linalg.norm(mean_cone))
         normal = normal_gravity(math.sin(lat), height)
         if abs(gravity - normal) > _GRAVITY_TOLERANCE:
             self._check_turning(gravity, normal)
@@ -311,7 +312,7 @@ class CoarseAlignment:
         deviation = blocks.force @ rot_b0g0 / gravity - _cone(lat, blocks.time)
         noise = noise or _Noise.of(blocks, deviation[:, :2], limits)
         fit = noise.fit(deviation[:, :2])
-        found_rate = horizontal_rate + fit.slope[0]
+        found_rate = float(horizontal_rate + fit.slope[0])
 
         # Attitude now: the vertical where it is at the end, not where the fit had it at the start
         rot_g0b = (Rotation.from_quat(self._q).inv() * Rotation.from_matrix(rot_b0g0)).inv()
@@ -392,7 +393,8 @@ class CoarseAlignment:
         error = abs(found - expected)
         if found < 0.1 * expected and error > 3.0 * stddev:
             raise AlignmentError(
-                f"{text}: the gyros do not feel the Earth turn (a simulated IMU, a dead zone?); give initial.heading_deg"
+                f"{text}: the gyros do not feel the Earth turn (a simulated IMU, a dead zone?): "
+                "give initial.heading_deg"
             )
         if error > 3.0 * stddev:  # a bias the parameters do not know of: the east gyro's is likely as large
             covariance[2, 2] += (error / found) ** 2

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from tqdm import tqdm
 
 from ins_nav import earth
-from ins_nav.bags import BagReader, DamagedBagError, TopicInfo, absolute
+from ins_nav.bags import BagReader, DamagedBagError
 from ins_nav.errors import InsNavError
 from ins_nav.messages import stamp_of
 
@@ -197,17 +197,21 @@ def read_result(path: Path, name: str) -> Track:
         return Track(name, positions, attitudes, velocities, bias, diagnostics, damage)
 
 
-def find_reference(bag: BagReader, topic: str | None) -> str | None:
+def _find_reference(bag: BagReader, topic: str | None) -> str | None:
     """Name of the reference's NavSatFix topic: the one asked for, else the best there is, else None.
 
     Raises
     ------
     BagError
         If the topic asked for is not in the bag.
+    ReportError
+        If it is no NavSatFix.
     """
-    if topic is not None:
-        return bag.topic(topic)
-    return next((name for name in _REFERENCES if name in bag.topics), None)
+    if topic is None:
+        return next((name for name in _REFERENCES if name in bag.topics), None)
+    name = bag.topic(topic)
+    _check_type(bag, name, _FIX)
+    return name
 
 
 def read_reference(path: Path, topic: str | None = None) -> Track | None:
@@ -221,10 +225,10 @@ def read_reference(path: Path, topic: str | None = None) -> Track | None:
     ReportError, BagError
     """
     with BagReader(path) as bag:
-        fix = find_reference(bag, topic)
+        fix = _find_reference(bag, topic)
         if fix is None:
             return None
-        prefix = absolute(fix).rpartition("/")[0]
+        prefix = fix.rpartition("/")[0]
         imu = _first(bag, prefix, {"imu": _IMU, "imu/data": _IMU})
         velocity = _first(bag, prefix, {"velocity": _TWIST, "odometry": _ODOMETRY})
         rows, damage = _read(bag, {fix: _FIX} | imu | velocity)
@@ -234,8 +238,12 @@ def read_reference(path: Path, topic: str | None = None) -> Track | None:
 
 
 def _first(bag: BagReader, prefix: str, wanted: Mapping[str, str]) -> dict[str, str]:
-    found = [(f"{prefix}/{name}", msgtype) for name, msgtype in wanted.items()]
-    return dict([item for item in found if bag.topics.get(item[0], TopicInfo("", 0, False)).msgtype == item[1]][:1])
+    """The first of the topics wanted, with its type, that the bag has under the prefix, or none."""
+    for name, msgtype in wanted.items():
+        info = bag.topics.get(f"{prefix}/{name}")
+        if info is not None and info.msgtype == msgtype:
+            return {f"{prefix}/{name}": msgtype}
+    return {}
 
 
 class _Rows:
@@ -288,11 +296,15 @@ _ROW: dict[str, Callable[[Any], Any]] = {
 }
 
 
+def _check_type(bag: BagReader, topic: str, msgtype: str) -> None:
+    if bag.topics[topic].msgtype != msgtype:
+        raise ReportError(f"{bag.path}: {topic} is of type {bag.topics[topic].msgtype}, expected {msgtype}")
+
+
 def _read(bag: BagReader, topics: Mapping[str, str]) -> tuple[dict[str, _Rows], str]:
     """The rows of each topic, and what is wrong with the bag."""
     for topic, msgtype in topics.items():
-        if bag.topics[topic].msgtype != msgtype:
-            raise ReportError(f"{bag.path}: {topic} is of type {bag.topics[topic].msgtype}, expected {msgtype}")
+        _check_type(bag, topic, msgtype)
     rows = {topic: _Rows() for topic in topics}
     total = sum(bag.topics[topic].count for topic in topics)
     try:

@@ -1,0 +1,70 @@
+"""Accuracy and speed, measured: ``python bench/run.py [SECTION ...]`` prints a markdown table or two a section."""
+
+import argparse
+import importlib
+import os
+import platform
+import signal
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from ins_nav.errors import InsNavError, for_people
+
+ROOT = Path(__file__).resolve().parents[1]
+SECTIONS = {
+    "mechanization": "errors after 600 s of motion with a perfect IMU; coning",
+    "alignment": "heading on a rocking base, against its own sigma and the theoretical bound",
+    "recordings": "real recordings, by ins_process and live",
+    "speed": "cost of a sample in the core, in the navigator, in ins_process",
+    "live": "400 Hz over ROS 2: losses, latency, load",
+}
+
+
+@for_people("bench")
+def main(argv: Sequence[str] | None = None) -> int:
+    """The command line."""
+    args = _parser().parse_args(argv)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    if args.list:
+        print("\n".join(f"{name:14}{text}" for name, text in SECTIONS.items()))
+        return 0
+    # Folders of scripts, not packages: found from the root, by the processes that sections start too
+    sys.path[0] = str(ROOT)
+    os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))
+    print(f"{_machine()}; times are from a machine that others may use too", flush=True)
+    for name in args.sections or SECTIONS:
+        print(f"\n## {name}: {SECTIONS[name]}", flush=True)
+        began = time.monotonic()
+        for text in importlib.import_module(f"bench.{name}").results(args.data):
+            print(f"\n{text}", flush=True)
+        print(f"\n({time.monotonic() - began:.0f} s; load now {os.getloadavg()[0]:.1f})", flush=True)
+    return 0
+
+
+def _machine() -> str:
+    versions = ", ".join(f"{name} {importlib.import_module(name).__version__}" for name in ("numpy", "numba"))
+    lines = Path("/proc/cpuinfo").read_text().splitlines() if Path("/proc/cpuinfo").exists() else []
+    model = next((line.partition(": ")[2] for line in lines if line.startswith("model name")), platform.machine())
+    return f"{os.cpu_count()} x {model}, load {os.getloadavg()[0]:.1f}; Python {platform.python_version()}, {versions}"
+
+
+def _section(name: str) -> str:
+    if name not in SECTIONS:
+        raise InsNavError(f"no section {name!r}; there are: {', '.join(SECTIONS)}")
+    return name
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="bench", description="Measure accuracy and speed.")
+    parser.add_argument("sections", nargs="*", type=_section, metavar="SECTION", help="default: all; see --list")
+    parser.add_argument("--list", action="store_true", help="name the sections")
+    parser.add_argument(
+        "--data", type=Path, default=ROOT.parent / "shared" / "data", metavar="FOLDER", help="of the recordings"
+    )
+    return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())
