@@ -139,5 +139,3 @@ def results(_data: Path) -> Iterator[str]:
         [name, "drift, °/h", "limit"],
         [["compensated", f"{drift[0]:.4f}", "0.04"], ["not compensated", f"{drift[1]:.2f}", ""]],
     )
-
-

@@ -3,6 +3,7 @@
 import contextlib
 import io
 import math
+import re
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -22,8 +23,8 @@ _FIRST_STOP = 500.0
 """s, of kingston_a."""
 
 
-def process(bag: Path, out: Path, *parameters: str) -> Track:
-    """Result of ins_process.
+def process(bag: Path, out: Path, *parameters: str) -> str:
+    """Run ins_process; what it said.
 
     Raises
     ------
@@ -50,12 +51,13 @@ def results(data: Path) -> Iterator[str]:
 
 
 def _drive(bag: Path, folder: Path) -> str:
-    batch = process(bag, folder / "batch")
+    said = process(bag, folder / "batch")
     published, _ = navigate(bag, folder / "live", _RATE)
-    live = read_result(folder / "live", "live")
+    batch, live = (read_result(folder / name, name) for name in ("batch", "live"))
     measured = [(_heading(track), *_distance(track, bag)) for track in (batch, live)]
     difference, turn, common = _difference(batch, live)
-    integrated = [track.diagnostics["imu/data_raw integrated"] for track in (batch, live)]
+    counted = re.search(r"(\d+) integrated", said)
+    integrated = [counted and counted[1], live.diagnostics["imu/data_raw integrated"]]
     rows = [
         ["heading after 60 s of standing, °", *(f"{heading:.3f}" for heading, _, _ in measured), "2.45 ± 0.3"],
         ["distance from gnss/fix, greatest, m", *(f"{greatest:.2f}" for _, greatest, _ in measured), "10"],
@@ -69,7 +71,8 @@ def _drive(bag: Path, folder: Path) -> str:
 
 
 def _stop(bag: Path, folder: Path) -> str:
-    result = process(bag, folder / "batch", f"alignment.duration:={_FIRST_STOP:g}")
+    process(bag, folder / "batch", f"alignment.duration:={_FIRST_STOP:g}")
+    result = read_result(folder / "batch", "batch")
     reference = read_reference(bag)
     assert result.attitude is not None and reference is not None and reference.attitude is not None
     errors = compare(result, reference).attitude

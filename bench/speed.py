@@ -1,4 +1,7 @@
-"""Cost of a sample: in the core, in the navigator, in ins_process."""
+"""Cost of a sample: in the core, in the navigator, in ins_process.
+
+Processor time, which other processes disturb less than the clock's; all of it is one thread's.
+"""
 
 import itertools
 import statistics
@@ -24,22 +27,12 @@ _COUNT = 20_000
 """Samples of the loops in plain Python."""
 
 
-def seconds(function: Callable[[], object], repeats: int = _REPEATS) -> list[float]:
-    """Times of several calls, after one that does not count."""
-    function()
-    times = []
-    for _ in range(repeats):
-        began = time.perf_counter()
-        function()
-        times.append(time.perf_counter() - began)
-    return times
-
-
 def results(_data: Path) -> Iterator[str]:
     """The section's tables."""
     yield _core()
     simulation = simulate("vehicle", 0, rate=_RATE, duration=DURATION, stand_time=30.0)
-    yield _whole(simulation)
+    yield _navigator(simulation)
+    yield _process(simulation)
 
 
 def _core() -> str:
@@ -47,64 +40,82 @@ def _core() -> str:
     case = from_pyins(trajectory, readings)
     first, count = tuple(case.samples[0].tolist()), len(case.samples) - 1
     samples = [tuple(row) for row in case.samples[: _COUNT + 1].tolist()]
+    increments = compute_increments_from_imu(readings, "increment")
 
     def plain() -> None:
-        state, previous = case.start, samples[0]
-        for sample in samples[1:]:
+        state = case.start
+        for previous, sample in itertools.pairwise(samples):
             state = strapdown.step(state, previous, sample, False, True)
-            previous = sample
 
-    increments = compute_increments_from_imu(readings, "increment")
-    theirs = seconds(lambda: Integrator(trajectory.iloc[0]).integrate(increments))
-    whole = seconds(lambda: Integrator(trajectory.iloc[0]).integrate(compute_increments_from_imu(readings, "increment")))
-    ours = seconds(lambda: strapdown.integrate(case.start, first, case.samples[1:]))
+    def pyins_integrates() -> None:
+        Integrator(trajectory.iloc[0]).integrate(increments)
+
+    def pyins_does_all() -> None:
+        Integrator(trajectory.iloc[0]).integrate(compute_increments_from_imu(readings, "increment"))
+
     times = {
-        "strapdown.step, plain Python (live)": [t / _COUNT for t in seconds(plain)],
-        "strapdown.step, compiled by numba (batch)": [t / count for t in ours],
-        "pyins' integrator (batch), increments given": [t / count for t in theirs],
-        "the same, increments with coning and sculling too, as ours": [t / count for t in whole],
+        "strapdown.step, plain Python (live)": _times(plain, _COUNT),
+        "strapdown.step, compiled by numba (batch)": _times(
+            lambda: strapdown.integrate(case.start, first, case.samples[1:]), count
+        ),
+        "pyins' integrator (batch), its increments given": _times(pyins_integrates, count),
+        "pyins, coning and sculling included as in ours": _times(pyins_does_all, count),
     }
-    base = statistics.median(ours) / count
+    base = statistics.median(times["strapdown.step, compiled by numba (batch)"])
     rows = [
         [name, spread([t * 1e6 for t in ts], 3), f"{statistics.median(ts) / base:.1f}"] for name, ts in times.items()
     ]
     return table(["one sample", f"µs, median of {_REPEATS} (range)", "times the compiled step"], rows)
 
 
-def _whole(simulation: Simulation) -> str:
-    add = [_add_imu(simulation) for _ in range(_REPEATS)]
-    count = len(simulation.stamps_ns)
+def _times(function: Callable[[], object], samples: int) -> list[float]:
+    """Seconds a sample of several calls, after one that does not count."""
+    function()
+    times = []
+    for _ in range(_REPEATS):
+        began = time.process_time()
+        function()
+        times.append((time.process_time() - began) / samples)
+    return times
+
+
+def _navigator(simulation: Simulation) -> str:
+    place = {"latitude_deg": 55.7, "longitude_deg": 37.6, "height": 150.0}
+    settings = {f"initial.{name}": value for name, value in place.items()} | {"alignment.duration": _ALIGNMENT}
+    navigator = Navigator(settings)
+    values = np.column_stack([simulation.angular_velocity, simulation.linear_acceleration]).tolist()
+    samples = zip(simulation.stamps_ns.tolist(), values, strict=True)
+    phases: dict[Phase, list[float]] = {Phase.COARSE: [], Phase.NAVIGATING: []}
+    size = 1_000
+    while len(phases[Phase.NAVIGATING]) < _COUNT // size:
+        chunk, phase = list(itertools.islice(samples, size)), navigator.phase
+        began = time.process_time()
+        for stamp, row in chunk:
+            navigator.add_imu(stamp, *row)
+        if navigator.phase is phase:  # not where the alignment is solved
+            phases[phase].append((time.process_time() - began) / size)
+    rows = [[f"Navigator.add_imu, {phase.value}", spread([t * 1e6 for t in ts], 2)] for phase, ts in phases.items()]
+    return table([f"one sample, in plain Python, {_RATE:g} Hz", "µs, median (range)"], rows)
+
+
+def _process(simulation: Simulation) -> str:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         write_bag(simulation, folder / "bag")
-        times = []
+        clock, processor = [], []
         for i in range(_SLOW_REPEATS):
-            began = time.perf_counter()
-            process(folder / "bag", folder / f"out{i}", f"alignment.duration:={_ALIGNMENT}")
-            times.append(time.perf_counter() - began)
+            began, busy = time.perf_counter(), time.process_time()
+            process(folder / "bag", folder / str(i), f"alignment.duration:={_ALIGNMENT}")
+            processor.append(time.process_time() - busy)
+            clock.append(time.perf_counter() - began)
     rows = [
-        ["Navigator.add_imu while navigating, µs a sample", spread([t * 1e6 for t in add], 2)],
-        [f"ins_process, {DURATION:g} s at {_RATE:g} Hz, s", spread(times, 1)],
-        ["ins_process, samples a second", spread([count / t for t in times], 0)],
-        ["ins_process, times real time", spread([DURATION / t for t in times], 0)],
+        [
+            label,
+            f"{len(simulation.stamps_ns) / statistics.median(times):.0f}",
+            f"{DURATION / statistics.median(times):.0f}",
+            spread(times, 1),
+        ]
+        for label, times in (("processor time", processor), ("by the clock", clock))
     ]
-    return table(["", f"median of {_REPEATS}, of {_SLOW_REPEATS} for ins_process (range)"], rows)
-
-
-def _add_imu(simulation: Simulation) -> float:
-    """Seconds a sample."""
-    place = {"latitude_deg": 55.7, "longitude_deg": 37.6, "height": 150.0}
-    navigator = Navigator(
-        {f"initial.{name}": value for name, value in place.items()} | {"alignment.duration": _ALIGNMENT}
-    )
-    values = np.column_stack([simulation.angular_velocity, simulation.linear_acceleration]).tolist()
-    rows = zip(simulation.stamps_ns.tolist(), values, strict=True)
-    for stamp, row in rows:
-        navigator.add_imu(stamp, *row)
-        if navigator.phase is Phase.NAVIGATING:
-            break
-    rest = list(itertools.islice(rows, _COUNT))
-    began = time.perf_counter()
-    for stamp, row in rest:
-        navigator.add_imu(stamp, *row)
-    return (time.perf_counter() - began) / len(rest)
+    head = f"ins_process, {DURATION:g} s at {_RATE:g} Hz, bag to bag"
+    return table([head, "samples a second", "times real time", f"s, median of {_SLOW_REPEATS} (range)"], rows)

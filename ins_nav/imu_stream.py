@@ -52,7 +52,8 @@ class ImuStream:
         self._last: tuple[float, ...] | None = None
         self._pending: tuple[int, tuple[float, ...]] | None = None
         self._intervals: list[float] = []
-        self._regular = _FIRST_GAP
+        self.regular = _FIRST_GAP
+        """Longest interval that is no gap, s."""
         self.nominal = math.nan
         """Interval between samples, s: the median of the first ones."""
         self.received = 0
@@ -83,7 +84,7 @@ class ImuStream:
             return ()
         h = (stamp_ns - self._stamp) * 1e-9
         values = (wx, wy, wz, fx, fy, fz)
-        if 0.0 < h <= self._regular and self._pending is None and self._last is not None:
+        if 0.0 < h <= self.regular and self._pending is None and self._last is not None:
             return (self._take(stamp_ns, h, values),)
         return self._irregular(stamp_ns, h, values)
 
@@ -95,7 +96,7 @@ class ImuStream:
             self._intervals.append(h)
             if len(self._intervals) == _LEARN:
                 self.nominal = median(self._intervals)
-                self._regular = _GAP_RATIO * self.nominal
+                self.regular = _GAP_RATIO * self.nominal
         return stamp_ns, (h, *values)  # type: ignore[return-value]
 
     def _irregular(
@@ -115,10 +116,10 @@ class ImuStream:
         if self._pending is not None:
             pending_stamp, pending_values = self._pending
             follows = (stamp_ns - pending_stamp) * 1e-9
-            if 0.0 < follows <= max(self._regular, _FIRST_GAP):
+            if 0.0 < follows <= max(self.regular, _FIRST_GAP):
                 self._pending = None
                 return (*self._jump(pending_stamp, pending_values), self._take(stamp_ns, follows, values))
-            if 0.0 < h <= max(self._regular, _FIRST_GAP):
+            if 0.0 < h <= max(self.regular, _FIRST_GAP):
                 self._pending = None
                 self._health.note(
                     "stamp outliers",
@@ -127,7 +128,7 @@ class ImuStream:
                     f"{(pending_stamp - self._stamp) * 1e-9:+.3f} s, sample rejected: check the driver's clock",
                     stamp_ns,
                 )
-                return self._irregular(stamp_ns, h, values) if h > self._regular else (self._take(stamp_ns, h, values),)
+                return self._irregular(stamp_ns, h, values) if h > self.regular else (self._take(stamp_ns, h, values),)
             if not -_RESTART_BACK < h <= 0.0:  # a third place: neither goes on from the other
                 self._health.note(
                     "stamp outliers",
@@ -153,7 +154,7 @@ class ImuStream:
                 stamp_ns,
             )
             return ()
-        if 0.0 < h <= max(self._regular, _FIRST_GAP):
+        if 0.0 < h <= max(self.regular, _FIRST_GAP):
             return (self._bridge(stamp_ns, h, values),)
         self._pending = (stamp_ns, values)
         return ()
@@ -166,7 +167,7 @@ class ImuStream:
         way = "back" if h < 0.0 else f"ahead, more than imu.max_gap ({self._max_gap:g} s)"
         self._health.note("restarts", WARN, f"{TOPIC}: stamps jumped by {h:+.3f} s ({way}): starting again", stamp_ns)
         self._intervals.clear()
-        self._regular = _FIRST_GAP
+        self.regular = _FIRST_GAP
         return (stamp_ns, h), self._take(stamp_ns, 0.0, values)
 
     def _bridge(self, stamp_ns: int, h: float, values: tuple[float, ...]) -> tuple[int, Sample]:

@@ -112,12 +112,13 @@ class Navigator:
             longitude = math.radians(self._number("initial.longitude_deg"))
             self._position = (math.radians(latitude), longitude, self._number("initial.height"))
         self._align()
+        self._moved_since_fix = False
 
     def _align(self) -> None:
         self._alignment = CoarseAlignment(
             self._duration, self.gyro_bias_stddev, self.accel_bias_stddev, self._number("alignment.max_speed")
         )
-        self._waited_for_position = False
+        self._moved_since_fix = True  # the place known so far is where it was: a newer fix is better
 
     def align(self) -> str:
         """Start alignment again, at the place of the present solution when there is one; says what happens now."""
@@ -135,7 +136,10 @@ class Navigator:
         return 1.0 if self.phase is Phase.NAVIGATING else min(1.0, self._alignment.time / self._duration)
 
     def add_fix(self, stamp_ns: int, status: int, latitude_deg: float, longitude_deg: float, height: float) -> None:
-        """Take a satellite fix (NavSatFix: status below 0 is no fix). The first valid one gives the position.
+        """Take a satellite fix (NavSatFix: status below 0 is no fix).
+
+        The first valid one gives the position, unless parameters do; where alignment had to start again, so does the
+        first after that.
 
         Parameters
         ----------
@@ -157,7 +161,8 @@ class Navigator:
                 stamp_ns,
             )
             return
-        if self._position is None:
+        if self.state is None and (self._position is None or self._moved_since_fix):
+            self._moved_since_fix = False
             if not math.isfinite(height):
                 self.health.note("no height", WARN, "gnss/fix: altitude is not a number, taken as 0 m", stamp_ns)
                 height = 0.0
@@ -203,7 +208,7 @@ class Navigator:
         return self.state is not None
 
     def _coarse(self, previous: strapdown.Sample, sample: strapdown.Sample) -> None:
-        if sample[0] > max(_COARSE_GAP, 3.5 * self.stream.nominal):
+        if sample[0] > max(_COARSE_GAP, 2.0 * self.stream.regular):
             self.health.note(
                 "alignment restarts",
                 WARN,

@@ -70,13 +70,18 @@ class Parameter:
         return value
 
     def _number(self, value: object) -> float:
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            raise ParameterError(f"parameter {self.name}: {value!r} is not a number")
-        number = float(value)
-        if not math.isnan(number) and not self.low <= number <= self.high:
+        try:
+            if isinstance(value, bool) or not isinstance(value, int | float | str):
+                raise ValueError
+            number = float(value)  # text too: YAML 1.1 reads 1e-3 as such
+        except ValueError:
+            raise ParameterError(f"parameter {self.name}: {value!r} is not a number") from None
+        if math.isnan(number) and isinstance(self.default, float) and math.isnan(self.default):
+            return number
+        if not math.isfinite(number):
+            raise ParameterError(f"parameter {self.name}: {number:g} is not allowed")
+        if not self.low <= number <= self.high:
             raise ParameterError(f"parameter {self.name}: {number:g} is outside [{self.low:g}, {self.high:g}]")
-        if math.isnan(number) and not (isinstance(self.default, float) and math.isnan(self.default)):
-            raise ParameterError(f"parameter {self.name}: NaN is not allowed")
         return number
 
 
@@ -148,7 +153,7 @@ def checked_values(overrides: Mapping[str, object]) -> dict[str, Value]:
     for name, value in overrides.items():
         values[name] = known(name).checked(value)
     given = [not math.isnan(values[f"initial.{name}"]) for name in ("latitude_deg", "longitude_deg", "height")]  # type: ignore[arg-type]
-    if any(given[:2]) and not all(given):
+    if any(given) and not all(given):
         raise ParameterError(
             "initial.latitude_deg, initial.longitude_deg and initial.height go together: give all three or none"
         )
@@ -182,7 +187,7 @@ def read_file(path: str | Path, node: str) -> dict[str, object]:
         content = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
     except OSError as error:
         raise ParameterError(f"parameter file {path}: {error.strerror}") from None
-    except yaml.YAMLError as error:
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise ParameterError(f"parameter file {path} is not YAML: {' '.join(str(error).split())}") from None
     if not isinstance(content, dict):
         raise ParameterError(f"parameter file {path} is empty: begin with '/**: ros__parameters:'")
@@ -206,7 +211,10 @@ def parse_assignment(text: str) -> tuple[str, Any]:
     name, separator, value = text.partition(":=")
     if not separator or not name:
         raise ParameterError(f"{text!r} is not name:=value")
-    return name, yaml.safe_load(value)
+    try:
+        return name, yaml.safe_load(value)
+    except yaml.YAMLError:
+        raise ParameterError(f"parameter {name}: {value!r} is not YAML; a list is written [1, 2, 3]") from None
 
 
 def _flat(tree: Mapping[str, object], prefix: str = "") -> dict[str, object]:

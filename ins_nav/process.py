@@ -51,9 +51,9 @@ class Recorder:
         self._writer.write("fix", _FIX, out.fix, stamp_ns)
         self.written += 1
 
-    def tick(self, stamp_ns: int) -> None:
-        """Write diagnostics once a second of recorded time."""
-        if stamp_ns < self._next_diagnostics_ns:
+    def tick(self, stamp_ns: int, last: bool = False) -> None:
+        """Write diagnostics once a second of recorded time, and at its end."""
+        if stamp_ns < self._next_diagnostics_ns and not last:
             return
         self._next_diagnostics_ns = stamp_ns + _SECOND
         level, text, values = messages.diagnostics(self._navigator)
@@ -154,6 +154,7 @@ def main(argv: Sequence[str] | None = None) -> int | None:
                     recorder.tick(raw.stamp_ns)
             except DamagedBagError as error:
                 damage = error
+            recorder.tick(reader.end_ns, last=True)
     stream = navigator.stream
     counts = "".join(f", {kind}: {count}" for kind, count in navigator.health.counts.items())
     print(

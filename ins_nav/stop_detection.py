@@ -21,10 +21,11 @@ References
        Transactions on Biomedical Engineering, 2010, vol. 57, no. 11.
 """
 
+import copy
 import math
 from collections import deque
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,10 +57,8 @@ _ACCEL_BIAS_PRIOR = 0.05
 """m/s², 5 mg."""
 _EARTH_RATE_PRIOR = 5e-5
 """rad/s: horizontal components of the Earth's rate, of unknown direction."""
-_GYRO_BIAS_WALK = 1e-6
-"""rad/s/√s: 12 °/h in an hour; biases that drift faster are those of a unit still warming up."""
-_ACCEL_BIAS_WALK = 5e-5
-"""m/s²/√s, 300 µg/√h."""
+_ALLAN_MINIMUM = 100.0
+"""s: where the random walk of a bias overtakes the sensor's white noise (the usual minimum of Allan deviation)."""
 _SCALE_ERROR = 2e-3
 """Scale factors and misalignments of MEMS sensors."""
 _REST_SPEED = 0.01
@@ -79,11 +78,21 @@ _GLIDES = 0.1
 """Share of the time surely spent moving: a carrier that is still for more of it is a smooth one (a ship, a train)."""
 _CERTAIN = 5.0
 """s: a shorter stop may have been an even roll, if the velocity was not well known when it began."""
+_ARRIVAL_ALARM = 0.05
+"""Probability to wait for more: the standard deviation grows with time, a creep that is taken for a stop does harm."""
+_GLIDE_ACCELERATION = 0.01
+"""m/s²: mean over a window of what moves without shaking."""
+_EPOCHS = 10
+"""Windows of a stop that are taken back when it ends: a slow start looks like rest at first."""
 _GATE = 13.8
 """Squared distance of 0.1 % of normal pairs."""
-_LEARNING_STEP = 0.02
-"""Of the logarithm of a variance, a block: a factor of e in 5 s."""
-_NOISE_FLOOR = 0.05
+_SMOOTHING = 0.02
+"""Share of a new variance in the mean over 5 s."""
+_LEAST = 2.0
+"""The least of many such means is about half of the variance."""
+_FORGETTING = 1.001
+"""Growth of the least variance a block: a sensor that has become noisier is known in minutes."""
+_NOISE_FLOOR = 0.005
 """Of sway and vibration: no base is quieter."""
 
 
@@ -155,27 +164,29 @@ class StopDetector:
     shake : float
         Statistic of the first test over its threshold: below 1 the base does not shake.
     noise : 2 floats
-        Standard deviation of an axis over 0.1 s by the sensors, rad/s and m/s²: given, learnt, or NaN.
+        Standard deviation of an axis over 0.1 s by the sensors, rad/s and m/s²: given or learnt; until then the
+        limits' sway and vibration.
     """
 
     def __init__(self, limits: StopLimits | None = None) -> None:
         self.limits = limits or StopLimits()
         alarm = self.limits.false_alarm
         self._speed_threshold = float(stats.chi2.isf(alarm, 2))
-        self._arrival_threshold = float(stats.chi2.isf(alarm, 4))
+        self._arrival_threshold = float(stats.chi2.isf(_ARRIVAL_ALARM, 4))
         self._sigmas = math.sqrt(self._speed_threshold)
         self._size = round(self.limits.window / _BLOCK)
         self._shake_threshold = float(stats.chi2.isf(alarm, 6 * self._size - 3))
-        self.noise = self.limits.gyro_noise / math.sqrt(_BLOCK), self.limits.accel_noise / math.sqrt(_BLOCK)
-        self._log_noise2 = [math.nan, math.nan]
+        given = self.limits.gyro_noise / math.sqrt(_BLOCK), self.limits.accel_noise / math.sqrt(_BLOCK)
+        unknown = self.limits.sway, self.limits.vibration
+        self.noise = unknown[0] if math.isnan(given[0]) else given[0], unknown[1] if math.isnan(given[1]) else given[1]
+        self._least = [math.inf, math.inf]
+        self._variance: NDArray[np.float64] | None = None
         self.restart()
 
     def restart(self) -> None:
         """Forget everything but the IMU's noise: the stamps have jumped."""
         self.stopped = False
         self.since_ns = self.stamp_ns = 0
-        self._sure = self._glided = 0
-        self._glide_speed = 0.0
         self._reckoning = _DeadReckoning()
         self._lose_track()
 
@@ -184,9 +195,10 @@ class StopDetector:
         self.shake = math.inf
         self._reckoning.lose_track()
         self._blocks: deque[tuple[float, ...]] = deque(maxlen=self._size + 1)
-        self._track: deque[tuple[int, float, float, float]] = deque(maxlen=_HISTORY)
-        self._still = 0
-        self._doubt = 0.0
+        self._epochs: deque[tuple[_DeadReckoning, list[tuple[int, Any]]]] = deque(maxlen=_EPOCHS)
+        self._track: deque[tuple[int, float, float, float, float]] = deque(maxlen=_HISTORY)
+        self._still = self._sure = self._glided = 0
+        self._doubt = self._glide_speed = 0.0
         self._next_sway_ns = self._due = 0
         self._rest_of_block: tuple[float, ...] = (0.0, 0.0, 0.0)
         self._clear_block()
@@ -253,22 +265,18 @@ class StopDetector:
         self._clear_block()
         reckoning = self._reckoning
         gyro, accel = self.noise
-        if math.isnan(gyro):
-            gyro = self.limits.sway
-        if math.isnan(accel):
-            accel = self.limits.vibration
         # between the mean velocities of two blocks, not from end to end: engines are averaged twice
-        fx, fy, fz = (
-            (b - a) / time for a, b in zip(self._rest_of_block, mean, strict=True)
-        )
+        fx, fy, fz = ((b - a) / time for a, b in zip(self._rest_of_block, mean, strict=True))
         self._rest_of_block = tuple(m - v for m, v in zip(mean, velocity, strict=True))
-        reckoning.propagate(time, turn, velocity, mean, gyro, accel)
-        if time > 2.0 * _BLOCK:  # samples were lost, and with them what they felt
-            reckoning.doubt_velocity(time * _LOST_ACCELERATION)
+        block = time, turn, velocity, mean, gyro, accel
+        reckoning.propagate(*block)
+        if self._epochs:
+            self._epochs[-1][1].append((self.stamp_ns, block))
+        if time > 2.0 * _BLOCK:
             self._blocks.clear()
             self._track.clear()
             self._still = 0
-        self._track.append((self.stamp_ns, *reckoning.mean_velocity))
+        self._track.append((self.stamp_ns, *reckoning.mean_velocity, reckoning.yaw))
         self._blocks.append((turn[0] / time, turn[1] / time, turn[2] / time, fx, fy, fz))
         if len(self._blocks) <= self._size:
             return None
@@ -293,20 +301,25 @@ class StopDetector:
     def _arrive(self, accel: float) -> Change | None:
         """While moving: has a stop begun?"""
         reckoning, tracked = self._reckoning, len(self._track)
-        if self._smooth(reckoning.speed, self._sigmas * reckoning.speed_stddev):
+        if self._smooth():
+            self._glide()
             return None
         still = self._size + self._still - 1
         if self._still and still >= round(self.limits.min_duration / _BLOCK):
             blocks, order, tolerance = min(still, tracked), 1, _START_SPEED
-        elif tracked == _HISTORY and self.stamp_ns >= self._next_sway_ns:
+        elif not self._still and tracked == _HISTORY and self.stamp_ns >= self._next_sway_ns:
             self._next_sway_ns = self.stamp_ns + _SWAY_EVERY
             blocks, order, tolerance = _HISTORY, 2, _SWAY * self.limits.max_speed
         else:
             return None
         track = np.array(self._track)[-blocks:]
-        basis = np.vander((track[:, 0] - self.stamp_ns) * 1e-9, order + 1, increasing=True)
-        trend = np.linalg.lstsq(basis, track[:, 1:], rcond=None)[0]
-        if float(((track[:, 1:] - basis @ trend) ** 2).mean(axis=0).sum()) > tolerance**2:
+        age, velocity, yaw = (track[:, 0] - self.stamp_ns) * 1e-9, track[:, 1:4], track[:, 4]
+        if abs(yaw[-1] - yaw[0]) > self._sigmas * reckoning.yaw_rate_stddev(self.limits.sway) * -age[0]:
+            return None
+        basis = np.vander(age, order + 1, increasing=True)
+        trend = np.linalg.lstsq(basis, velocity, rcond=None)[0]
+        residual2 = ((velocity - basis @ trend) ** 2).sum(axis=1)
+        if residual2.mean() > tolerance**2 or residual2.max() > 9.0 * tolerance**2:
             return None
         noise = _REST_SPEED**2, (accel**2 + self.limits.vibration**2) / self._size
         if reckoning.rest_distance(trend[1, :2], *noise) > self._arrival_threshold:
@@ -314,25 +327,43 @@ class StopDetector:
         self.stopped = True
         self.since_ns = self._began(blocks, trend[:, :2])
         self._doubt = min(reckoning.speed_stddev, _ROLL)
+        self._sure = self._glided = 0
+        self._glide_speed = 0.0
         reckoning.rest(_REST_SPEED, None, 0.0)
         self._track.clear()  # velocities before this correction are no measure of those after it
         return Change(True, self.since_ns, self.stamp_ns)
 
-    def _smooth(self, speed: float, margin: float) -> bool:
-        """Whether stillness says nothing: this carrier has been seen to go without shaking, and may go so now."""
-        if speed > margin + _ROLL:
+    def _smooth(self) -> bool:
+        """Whether stillness says nothing: this drive has been without shaking before, and may be so now."""
+        speed, stddev = self._reckoning.speed, self._reckoning.speed_stddev
+        if speed > self._sigmas * stddev + self.limits.max_speed:
             self._sure += 1
             if self._still:
                 self._glided += 1
                 self._glide_speed += speed
-        return self._glided > _GLIDES * self._sure and margin > self._glide_speed / self._glided
+        if self._glided <= _GLIDES * self._sure:
+            return False
+        glide = self._glide_speed / self._glided
+        if glide > _ROLL:
+            return max(speed, stddev) > 0.5 * glide
+        return speed > 0.5 * glide and stddev < glide  # a creep, as long as the velocity tells
+
+    def _glide(self) -> None:
+        """A base that does not shake does not gain speed either: once a window, the level is learnt from that."""
+        self._due -= 1
+        if not self._still or self._due > 0 or len(self._track) <= self._size:
+            return
+        self._due = self._size
+        (past, x, y, *_), (now, vx, vy, *_) = self._track[-1 - self._size], self._track[-1]
+        time = (now - past) * 1e-9
+        self._reckoning.glide(np.array([(vx - x) / time, (vy - y) / time]), _GLIDE_ACCELERATION)
 
     def _began(self, blocks: int, trend: NDArray[np.float64]) -> int:
         """When the speed fell to zero, given that the base stands since some blocks and what it seemed to do then."""
         trend_x, trend_y = trend.T[:, ::-1].tolist()
         track = list(self._track)
         began = track[-blocks][0]
-        for stamp, x, y, _ in reversed(track[-blocks - round(_LOOK_BACK / _BLOCK) :]):
+        for stamp, x, y, _, _ in reversed(track[-blocks - round(_LOOK_BACK / _BLOCK) :]):
             age = (stamp - self.stamp_ns) * 1e-9
             if math.hypot(x - _polynomial(trend_x, age), y - _polynomial(trend_y, age)) > _START_SPEED:
                 break
@@ -351,43 +382,55 @@ class StopDetector:
         if still:
             self._learn(spread)
         self._due -= 1
-        whole = still and self._due <= 0  # windows overlap: their mean rate is news once a window
-        if whole:
+        if self._due <= 0:
             self._due = self._size
-        reckoning.rest(_REST_SPEED if still else limits.max_speed, mean_rate if whole else None, limits.sway)
+            self._epochs.append((copy.copy(reckoning), []))
+        whole = still and self._due == self._size  # windows overlap: their mean rate is news once a window
+        speed_noise = _REST_SPEED * max(0.1, math.sqrt(self.shake)) if still else limits.max_speed
+        reckoning.rest(speed_noise, mean_rate if whole else None, limits.sway)
         return None
 
     def _leave(self) -> Change:
-        ended = self._track[-1][0]
-        for stamp, x, y, _ in reversed(self._track):
+        """The stop is over, and was for a while: take back what was learnt from it in the last seconds."""
+        reckoning, track = self._reckoning, list(self._track)
+        if self._epochs:
+            reckoning = self._epochs[0][0]
+            blocks = [block for _, epoch in self._epochs for block in epoch]
+            track = []
+            for stamp, block in blocks:
+                reckoning.propagate(*block)
+                track.append((stamp, *reckoning.mean_velocity, reckoning.yaw))
+            self._epochs.clear()
+        self._track.clear()
+        self._track.extend(track)
+        ended = self.stamp_ns
+        for stamp, x, y, _, _ in reversed(track):
             ended = stamp
-            if math.hypot(x, y) < _START_SPEED or stamp <= self.since_ns:
+            if math.hypot(x, y) < _START_SPEED:
                 break
         if self.stamp_ns - self.since_ns < _CERTAIN * 1e9:
-            self._reckoning.doubt_velocity(self._doubt)
+            reckoning.doubt_velocity(self._doubt)
+        self._reckoning = reckoning
         self.stopped = False
         self.since_ns = ended
         self._still = 0
         return Change(False, ended, self.stamp_ns)
 
     def _learn(self, spread: NDArray[np.float64]) -> None:
-        """Running median of the variance of blocks at rest, a step up or down at a time."""
-        given = self.limits.gyro_noise, self.limits.accel_noise
-        rate, force = spread[:3].sum(), spread[3:6].sum()
+        """Noise from the quietest axis and time at rest: engines and people only add."""
+        variance = spread / (self._size - 1)
+        self._variance = variance if self._variance is None else self._variance + _SMOOTHING * (variance - self._variance)
+        smooth = self._variance.tolist()
+        limits = self.limits
         noise = list(self.noise)
-        for i, total in enumerate((rate, force)):
-            if math.isnan(given[i]):
-                log = math.log(float(total) / (3 * self._size - 3) + 1e-20)
-                last = self._log_noise2[i]
-                self._log_noise2[i] = log if math.isnan(last) else last + math.copysign(_LEARNING_STEP, log - last)
-                floor = _NOISE_FLOOR * (self.limits.sway, self.limits.vibration)[i]
-                noise[i] = max(math.exp(0.5 * self._log_noise2[i]), floor)
+        for i, (given, floor) in enumerate(((limits.gyro_noise, limits.sway), (limits.accel_noise, limits.vibration))):
+            if math.isnan(given):
+                least = min(_LEAST * min(smooth[3 * i : 3 * i + 3]), self._least[i] * _FORGETTING)
+                self._least[i] = least
+                noise[i] = max(math.sqrt(least), _NOISE_FLOOR * floor)
         self.noise = noise[0], noise[1]
 
 
-_WALK: NDArray[np.float64] = np.square(
-    [0.0] * 4 + [_GYRO_BIAS_WALK] * 3 + [0.0] * 2 + [_ACCEL_BIAS_WALK] * 3
-)
 _H_V: NDArray[np.float64] = np.eye(2, 12)
 _V, _TILT, _GYRO, _EARTH, _ACCEL = slice(0, 2), slice(2, 4), slice(4, 7), slice(7, 9), slice(9, 12)
 
@@ -396,12 +439,14 @@ class _DeadReckoning:
     """Horizontal velocity by a small error-state Kalman filter on level axes that are free in azimuth.
 
     States: velocity (2), tilt (2), gyro biases (3, body), the Earth's horizontal rate (2, level axes: it stays
-    where it is when the body turns), accelerometer biases (3, body).
+    where it is when the body turns), accelerometer biases (3, body). Arrays are replaced, never changed in place: a
+    shallow copy keeps the state.
     """
 
     def __init__(self) -> None:
         self.velocity = (0.0, 0.0)
         self.mean_velocity = (0.0, 0.0, 0.0)
+        self.yaw = 0.0
         self._climb = 0.0
         self._q: Quaternion | None = None
         self._gyro = np.zeros(3)
@@ -426,21 +471,24 @@ class _DeadReckoning:
     def speed_stddev(self) -> float:
         return math.sqrt(max(self._p[0, 0], self._p[1, 1]))
 
+    def yaw_rate_stddev(self, sway: float) -> float:
+        """Of the rate about the vertical at rest, rad/s."""
+        up = self._rotation[2]
+        return math.sqrt(float(up @ self._p[_GYRO, _GYRO] @ up) + _EARTH_RATE_PRIOR**2 + sway**2)
+
     def lose_track(self) -> None:
         """Velocity and attitude are unknown again."""
         self.velocity = (0.0, 0.0)
         self._q = None
+        self._p = self._p.copy()
         self._p[:4, :] = self._p[:, :4] = 0.0
         self._p[:4, :4] = np.diag(np.square([_SPEED_PRIOR] * 2 + [_TILT_PRIOR] * 2))
 
     def doubt_velocity(self, stddev: float) -> None:
         """Add an error of unknown direction, m/s."""
-        self._p[0, 0] += stddev**2
-        self._p[1, 1] += stddev**2
+        self._p = self._p + np.diag([stddev**2] * 2 + [0.0] * 10)
 
-    def propagate(
-        self, time: float, turn: Triple, velocity: Triple, mean: Triple, gyro: float, accel: float
-    ) -> None:
+    def propagate(self, time: float, turn: Triple, velocity: Triple, mean: Triple, gyro: float, accel: float) -> None:
         """Carry the state over a block.
 
         Parameters
@@ -462,22 +510,27 @@ class _DeadReckoning:
         bx, by, bz = self._accel.tolist()
         dv = (velocity[0] - bx * time, velocity[1] - by * time, velocity[2] - bz * time)
         dx, dy, dz = rotate(self._q, *dv)
+        if time > 2.0 * _BLOCK:  # samples were lost, and with them what they felt
+            self.doubt_velocity(time * _LOST_ACCELERATION)
         mx, my, mz = rotate(self._q, mean[0] - 0.5 * bx * time, mean[1] - 0.5 * by * time, mean[2] - 0.5 * bz * time)
         self.mean_velocity = self.velocity[0] + mx, self.velocity[1] + my, self._climb + mz - 0.5 * _GRAVITY * time
         self.velocity = self.velocity[0] + dx, self.velocity[1] + dy
         self._climb += dz - _GRAVITY * time
         tx, ty, tz = turn[0] - rx * time, turn[1] - ry * time, turn[2] - rz * time
         self._q = normalized(multiply(self._q, from_rotation_vector(tx, ty, tz)))
+        ux, uy, uz = rotation[2].tolist()
+        self.yaw += ux * tx + uy * ty + uz * tz
         f = np.eye(12)
         f[0, 3], f[1, 2] = dz, -dz
         f[_V, _ACCEL] = f[_TILT, _GYRO] = -time * rotation[:2]
         f[2, 7] = f[3, 8] = -time
         p = f @ self._p @ f.T
         scale2 = _SCALE_ERROR**2
-        q = _WALK * time
-        q[_V] += (accel * time) ** 2 + scale2 * math.hypot(dx, dy)
-        q[_TILT] += (gyro * time) ** 2 + scale2 * math.sqrt(tx * tx + ty * ty + tz * tz)
-        p.flat[::13] += q
+        qv, qt = (accel * time) ** 2, (gyro * time) ** 2
+        v = qv + scale2 * math.hypot(dx, dy)
+        t = qt + scale2 * math.sqrt(tx * tx + ty * ty + tz * tz)
+        b, a = qt / _ALLAN_MINIMUM**2, qv / _ALLAN_MINIMUM**2
+        p.flat[::13] += (v, v, t, t, b, b, b, 0.0, 0.0, a, a, a)
         self._p = p
         # whatever it is, it is not at 100 m/s: keeps the level bounded in a long drive
         if p[0, 0] > _SPEED_PRIOR**2 or p[1, 1] > _SPEED_PRIOR**2:
@@ -489,12 +542,23 @@ class _DeadReckoning:
         variance = self._p.diagonal()[_GYRO] + _EARTH_RATE_PRIOR**2
         return mean - self._gyro - down @ self._earth, variance
 
+    def _acceleration_rows(self) -> NDArray[np.float64]:
+        """Error of the horizontal acceleration by the states."""
+        h = np.zeros((2, 12))
+        h[0, 3], h[1, 2] = _GRAVITY, -_GRAVITY
+        h[:, _ACCEL] = -self._rotation[:2]
+        return h
+
+    def glide(self, acceleration: NDArray[np.float64], noise: float) -> None:
+        """The base moves evenly: its mean acceleration, m/s², is zero, unless that contradicts what is known."""
+        h = self._acceleration_rows()
+        s = h @ self._p @ h.T
+        if float(acceleration @ acceleration) < _GATE * (noise**2 + max(s[0, 0], s[1, 1])):
+            self._update(h, -acceleration, noise**2)
+
     def rest_distance(self, acceleration: NDArray[np.float64], speed_noise2: float, accel_noise2: float) -> float:
         """Squared Mahalanobis distance of velocity and mean acceleration, m/s², from zero."""
-        h = np.zeros((4, 12))
-        h[0, 0] = h[1, 1] = 1.0
-        h[2, 3], h[3, 2] = _GRAVITY, -_GRAVITY
-        h[2:, _ACCEL] = -self._rotation[:2]
+        h = np.concatenate([_H_V, self._acceleration_rows()])
         s = h @ self._p @ h.T
         s.flat[::5] += [speed_noise2, speed_noise2, accel_noise2, accel_noise2]
         z = np.array([*self.velocity, *acceleration])
@@ -527,9 +591,9 @@ class _DeadReckoning:
         vx, vy, px, py = dx[:4].tolist()
         self.velocity = self.velocity[0] + vx, self.velocity[1] + vy
         self._q = multiply(from_rotation_vector(px, py, 0.0), self._q)
-        self._gyro += dx[_GYRO]
-        self._earth += dx[_EARTH]
-        self._accel += dx[_ACCEL]
+        self._gyro = self._gyro + dx[_GYRO]
+        self._earth = self._earth + dx[_EARTH]
+        self._accel = self._accel + dx[_ACCEL]
 
 
 def _polynomial(coefficients: list[float], x: float) -> float:

@@ -178,7 +178,7 @@ def zupt1(first: StopMeasurement, second: StopMeasurement) -> Calibration:
             f"inconsistent: no drift and azimuth explain both stops (chi-square {mismatch:.1f}, limit {limit:.1f}): "
             "the unit moved during a stop, or its drift changed between them; repeat with longer stops"
         )
-    return Calibration(x[:3], float(x[3]), np.linalg.inv(information))
+    return Calibration(x[:3], float(x[3]), np.asarray(np.linalg.inv(information), float))
 
 
 def zupt1_linear(first: StopMeasurement, second: StopMeasurement) -> Calibration:
@@ -271,7 +271,7 @@ def zupt1_nonlinear(first: StopMeasurement, second: StopMeasurement) -> Calibrat
     whole = np.zeros((6, 6))
     whole[:3, :3], whole[3:, 3:] = without[0].covariance, without[1].covariance
     information = jacobian.T @ np.linalg.inv(whole + np.eye(6) * 1e-30) @ jacobian
-    return Calibration(drift, azimuth, np.linalg.inv(information))
+    return Calibration(drift, azimuth, np.asarray(np.linalg.inv(information), float))
 
 
 def _residual(x: Array, first: StopMeasurement, second: StopMeasurement) -> tuple[Array, Array]:
@@ -307,7 +307,7 @@ def _linear(first: StopMeasurement, second: StopMeasurement) -> Array:
     left, right = _linear_system(first, second)
     if np.linalg.cond(left) > _MAX_CONDITION:
         raise ZuptError(_turn_missing(first, second))
-    drift = np.linalg.solve(left, right)
+    drift: Array = np.asarray(np.linalg.solve(left, right), float)
     sine, cosine, _ = _sine_cosine(drift, first)
     return np.array([*drift, math.atan2(sine, cosine) + first.azimuth_gain @ drift])
 

@@ -78,7 +78,7 @@ def test_publish_rate_and_bias_and_diagnostics(drive: Path, tmp_path: Path) -> N
     with BagReader(out) as reader:
         assert reader.topics["/imu/bias"].latched and reader.topics["/imu/bias"].count == 1
         statuses = [reader.deserialize(raw).status[0] for raw in reader.messages(["diagnostics"])]
-    assert len(statuses) == 91  # one a second, both ends
+    assert len(statuses) == 92  # one a second from the first sample to the last, and one at the end
     phases = [next(kv.value for kv in status.values if kv.key == "phase") for status in statuses]
     assert phases[1:] == sorted(phases[1:]) and set(phases) == {"coarse", "navigating", "waiting"}
     assert statuses[-1].message == "navigating"

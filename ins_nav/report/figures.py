@@ -22,7 +22,7 @@ _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 """Okabe and Ito's, which colour-blind people can tell apart."""
 _REFERENCE = "0.25"
 _SIGMAS = 3.0
-_LEAST_ANGLE = 0.002
+_LEAST_ANGLE = 0.01
 """deg; and m/s and m below."""
 _LEAST_SPEED = 0.02
 _LEAST_POSITION = 0.02
@@ -45,9 +45,9 @@ def figure(results: Sequence[Track], reference: Track | None = None, comparisons
     has_attitude_errors = any(c.attitude is not None for c in comparisons)
     wide = 3 + has_attitude_errors
     fig = Figure(figsize=(16, 10), dpi=100, layout=ConstrainedLayoutEngine(w_pad=0.08, h_pad=0.06))
-    grid = fig.add_gridspec(3, wide, width_ratios=[1.35] + [1.0] * (wide - 1))
-    columns = [[fig.add_subplot(grid[row, column]) for row in range(3)] for column in range(1, wide)]
-    track, speed = fig.add_subplot(grid[:2, 0]), fig.add_subplot(grid[2, 0])
+    grid = fig.add_gridspec(4, wide, width_ratios=[1.35] + [1.0] * (wide - 1), height_ratios=[0.05, 1.0, 1.0, 1.0])
+    columns = [[fig.add_subplot(grid[row, column]) for row in (1, 2, 3)] for column in range(1, wide)]
+    track, speed = fig.add_subplot(grid[1:3, 0]), fig.add_subplot(grid[3, 0])
     drawing.track(track)
     drawing.speed(speed)
     drawing.attitude(columns[0])
@@ -59,14 +59,17 @@ def figure(results: Sequence[Track], reference: Track | None = None, comparisons
             drawing.errors(columns[2], titles, [c.attitude for c in comparisons], math.degrees(1.0), _LEAST_ANGLE)
     else:
         drawing.velocity(columns[1])
-    for axes in [speed, *(axes for column in columns for axes in column)]:
-        drawing.dress(axes, labelled=axes is speed or axes.get_subplotspec().rowspan.stop == 3)  # type: ignore[union-attr]
+    for column in [*columns, [speed]]:
+        for axes in column:
+            drawing.dress(axes, labelled=axes is column[-1])
     legend = track.get_legend_handles_labels()[0]
     legend.append(Line2D([], [], color="black", marker="o", markerfacecolor="white", linestyle="", label="start"))
     legend.append(Line2D([], [], color="black", marker="s", linestyle="", label="end"))
     if any(np.isfinite(e.stddev).any() for c in comparisons for e in (c.position, c.attitude) if e is not None):
         legend.append(Patch(**_band("black"), label=f"±{_SIGMAS:g} sigma as the result gives it"))
-    fig.legend(handles=legend, loc="outside upper left", ncols=len(legend), frameon=False)
+    top = fig.add_subplot(grid[0, :])
+    top.axis("off")
+    top.legend(handles=legend, loc="center left", ncols=len(legend), frameon=False, borderpad=0.0)
     return fig
 
 
@@ -131,18 +134,11 @@ class _Drawing:
         if self._reference:
             position = self._reference.position
             x, y = local(position, self._within(position.stamps_ns)).T
-            scattered = self._reference.attitude is None  # lone fixes: a line would suggest more than they say
-            style = "." if scattered else "-"
-            axes.plot(
-                x,
-                y,
-                style,
-                color=_REFERENCE,
-                linewidth=2.2,
-                markersize=5,
-                alpha=0.5,
-                label=f"reference {self._reference.name}",
-            )
+            # lone fixes are dots: a line would say too much; a line ends with a mark, as it may be a point
+            style: dict[str, Any] = {"linestyle": "", "marker": "."}
+            if self._reference.attitude is not None:
+                style = {"linewidth": 2.2, "marker": "s", "markevery": [-1]}
+            axes.plot(x, y, color=_REFERENCE, alpha=0.5, **style, label=f"reference {self._reference.name}")
         for result, colour in self._all()[-len(self._results) :]:
             x, y = local(result.position, slice(None)).T
             axes.plot(x, y, color=colour, linewidth=1.4, label=result.name)

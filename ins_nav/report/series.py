@@ -181,20 +181,17 @@ def read_result(path: Path, name: str) -> Track:
             if topic not in bag.topics:
                 there = ", ".join(bag.topics)
                 raise ReportError(f"{path}: is not a result bag, it has no {topic}; topics: {there}")
-        topics |= {topic: _DIAGNOSTICS for topic in ("/diagnostics",) if topic in bag.topics}
-        topics |= {topic: _IMU for topic in ("/imu/bias",) if topic in bag.topics}
+        extras = {"/imu/bias": _IMU, "/diagnostics": _DIAGNOSTICS}
+        topics |= {topic: msgtype for topic, msgtype in extras.items() if topic in bag.topics}
         rows, damage = _read(bag, topics)
         positions = _positions(path, "/fix", rows["/fix"])
         attitudes = _attitudes(rows["/imu/data"])
         if attitudes is None:
             raise ReportError(f"{path}: /imu/data has fewer than 2 orientations")
         velocities = _velocities(rows["/odometry"], attitudes)
-        bias = {}
-        if "/imu/bias" in rows and rows["/imu/bias"].items:
-            last = rows["/imu/bias"].items[-1]
-            bias = {"gyro": np.array(last[13:16]), "accel": np.array(last[16:19])}
-        diagnostics = dict(rows["/diagnostics"].items[-1]) if "/diagnostics" in rows else {}
-        return Track(name, positions, attitudes, velocities, bias, diagnostics, damage)
+        biases, diagnostics = (rows[topic].items if topic in rows else [] for topic in extras)
+        bias = {"gyro": np.array(biases[-1][13:16]), "accel": np.array(biases[-1][16:19])} if biases else {}
+        return Track(name, positions, attitudes, velocities, bias, diagnostics[-1] if diagnostics else {}, damage)
 
 
 def _find_reference(bag: BagReader, topic: str | None) -> str | None:
