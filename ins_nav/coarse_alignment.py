@@ -153,15 +153,15 @@ class CoarseAlignment:
             return False  # it agreed long enough with radians
         return self._cone.in_degrees().seeming_speed() < 0.1 * speed
 
-    def solve(self, lat: float, height: float, heading: float | None = None) -> Alignment:
+    def solve(self, lat: float, height: float, heading: float | None = None, heading_stddev: float = 0.0) -> Alignment:
         """Attitude at the last sample.
 
         Parameters
         ----------
         lat, height : float
             Geodetic latitude, rad, and ellipsoidal height, m.
-        heading : float, optional
-            Known heading, rad: only the level is found then.
+        heading, heading_stddev : float, optional
+            Known heading and its uncertainty, rad: only the level is found then.
 
         Raises
         ------
@@ -220,6 +220,7 @@ class CoarseAlignment:
             forward = rot_gb.as_matrix()[:, 0]
             turn = math.atan2(forward[0], forward[1]) - heading
             covariance[:2, :2] += np.eye(2) * self._excess(fit, horizontal_rate) ** 2
+            covariance[2, 2] = heading_stddev**2
             rot_gb = Rotation.from_rotvec([0.0, 0.0, turn]) * rot_gb
         velocity, speed_stddev = self._end_velocity(blocks, noise, deviation, fit, gravity, lat, rot_b0g0)
         q = rot_gb.as_quat()

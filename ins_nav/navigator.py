@@ -72,6 +72,7 @@ class Navigator:
             self._number("imu.max_angular_velocity"),
             self._number("imu.max_linear_acceleration"),
             self._number("imu.max_gap"),
+            instantaneous=values["imu.sampling"] == "instantaneous",
         )
         self._instantaneous = values["imu.sampling"] == "instantaneous"
         self._vertical = bool(values["navigation.vertical_channel"])
@@ -83,6 +84,7 @@ class Navigator:
         self.accel_bias_stddev = self._number("imu.accel_bias_stddev_mg") * _MILLI_G
         heading = self._number("initial.heading_deg")
         self._heading = None if math.isnan(heading) else math.radians(heading)
+        self._heading_stddev = math.radians(self._number("initial.heading_stddev_deg"))
         self._duration = self._number("alignment.duration" if self._heading is None else "alignment.level_duration")
         self.angular_velocity = (0.0, 0.0, 0.0)
         self.specific_force = (0.0, 0.0, 0.0)
@@ -177,22 +179,27 @@ class Navigator:
         wx, wy, wz, fx, fy, fz : float
             Angular velocity, rad/s, and specific force, m/s².
         """
-        if self._q_mounting is not None:
-            wx, wy, wz = attitude.rotate(self._q_mounting, wx, wy, wz)  # type: ignore[arg-type]
-            fx, fy, fz = attitude.rotate(self._q_mounting, fx, fy, fz)  # type: ignore[arg-type]
-        gx, gy, gz = self.gyro_bias
-        ax, ay, az = self.accel_bias
         new = False
-        for stamp, item in self.stream.accept(stamp_ns, wx - gx, wy - gy, wz - gz, fx - ax, fy - ay, fz - az):
+        for stamp, item in self.stream.accept(stamp_ns, wx, wy, wz, fx, fy, fz):
             if isinstance(item, float):
                 self._begin()
             else:
                 new = self._take(stamp, item)
         return new
 
-    def _take(self, stamp_ns: int, sample: strapdown.Sample) -> bool:
+    def _on_base_link(self, sample: strapdown.Sample) -> strapdown.Sample:
+        """The sample on base_link's axes, biases removed."""
+        h, wx, wy, wz, fx, fy, fz = sample
+        if self._q_mounting is not None:
+            wx, wy, wz = attitude.rotate(self._q_mounting, wx, wy, wz)  # type: ignore[arg-type]
+            fx, fy, fz = attitude.rotate(self._q_mounting, fx, fy, fz)  # type: ignore[arg-type]
+        gx, gy, gz = self.gyro_bias
+        ax, ay, az = self.accel_bias
+        return h, wx - gx, wy - gy, wz - gz, fx - ax, fy - ay, fz - az
+
+    def _take(self, stamp_ns: int, raw: strapdown.Sample) -> bool:
         previous = self._previous
-        self._previous = sample
+        self._previous = sample = self._on_base_link(raw)
         self.stamp_ns = stamp_ns
         self.angular_velocity = sample[1:4]
         self.specific_force = sample[4:7]
@@ -231,7 +238,8 @@ class Navigator:
                 )
                 return
             lat, lon, height = self._position
-            self._navigate(self._alignment.solve(lat, height, self._heading), lat, lon, height)
+            alignment = self._alignment.solve(lat, height, self._heading, self._heading_stddev)
+            self._navigate(alignment, lat, lon, height)
         except AlignmentError as error:
             self.health.note("alignment restarts", ERROR, f"alignment: {error}", self.stamp_ns)
             self._align()

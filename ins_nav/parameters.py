@@ -119,8 +119,9 @@ PARAMETERS = (
     Parameter(
         "initial.heading_deg", NAN, "heading at rest, clockwise from north; given: only the level is sought", -360, 360
     ),
+    Parameter("initial.heading_stddev_deg", 1.0, "uncertainty of that heading, deg", 0.0, 180.0),
     Parameter("alignment.duration", 60.0, "length of coarse alignment when the heading is sought, s", 5.0, 3600.0),
-    Parameter("alignment.level_duration", 5.0, "length of alignment when the heading is given, s", 0.5, 3600.0),
+    Parameter("alignment.level_duration", 5.0, "length of alignment when the heading is given, s", 2.0, 3600.0),
     Parameter(
         "alignment.max_speed", 2.0, "a base that goes faster than this while aligning has moved off, m/s", 0.01, 100.0
     ),
@@ -129,11 +130,69 @@ PARAMETERS = (
         False,
         "integrate the vertical acceleration too: unstable, for short runs only; otherwise height stays",
     ),
+    Parameter("stop.window", 1.0, "length of the window over which a base must not shake, s", 0.3, 5.0),
+    Parameter("stop.min_duration", 2.0, "a stop is declared after standing still for so long, s", 0.3, 10.0),
+    Parameter(
+        "stop.max_speed",
+        0.1,
+        "a base travels when it is faster on the mean of a window, m/s; swell may stay below",
+        0.02,
+        2.0,
+    ),
+    Parameter(
+        "stop.vibration",
+        0.02,
+        "what an idling engine adds to specific force, 0.1 s means, standard deviation an axis, m/s^2",
+        1e-4,
+        1.0,
+    ),
+    Parameter("stop.sway_deg_per_s", 0.06, "what it adds to angular rate, deg/s", 1e-4, 10.0),
+    Parameter(
+        "stop.false_alarm_probability", 1e-3, "share of windows at rest that may be taken for shaking", 1e-9, 0.1
+    ),
+    Parameter(
+        "stop.gyro_noise_deg_per_sqrt_hour",
+        NAN,
+        "white noise of the gyros; not given: learnt at rest. Needed where it exceeds stop.sway_deg_per_s",
+        0.0,
+        100.0,
+    ),
+    Parameter(
+        "stop.accel_noise_ug_per_sqrt_hz",
+        NAN,
+        "white noise of the accelerometers; not given: learnt at rest. Needed where it exceeds stop.vibration",
+        0.0,
+        1e5,
+    ),
+    Parameter(
+        "stop_detector.start_sequence",
+        "zupt1",
+        "zupt1: call it until it has succeeded at two stops, then zupt2; zupt2: from the first stop on; none: from "
+        "the second",
+        choices=("zupt1", "zupt2", "none"),
+    ),
+    Parameter(
+        "stop_detector.zupt1_after",
+        20.0,
+        "length of a stop at which ins_node/zupt1 is called, s; again whenever the length has doubled, until it "
+        "succeeds",
+        1.0,
+        3600.0,
+    ),
+    Parameter(
+        "stop_detector.zupt2_after",
+        20.0,
+        "length of a stop at which ins_node/zupt2 is called, s; again whenever the length has doubled",
+        1.0,
+        3600.0,
+    ),
     Parameter("publish.rate", 0.0, "odometry, imu/data and fix a second; 0: one for every IMU sample", 0.0, 2000.0),
     Parameter("publish.tf", False, "publish map -> base_link on /tf too (needs tf2_msgs)"),
     Parameter("map_frame", "map", "frame_id of odometry: east-north-up at the start"),
     Parameter("base_link_frame", "base_link", "frame_id of the body"),
 )
+ROS_OWN = ("use_sim_time", "start_type_description_service")
+"""Parameters every ROS node has: no concern of this table."""
 _BY_NAME = {parameter.name: parameter for parameter in PARAMETERS}
 
 
@@ -190,7 +249,7 @@ def read_file(path: str | Path, node: str) -> dict[str, object]:
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise ParameterError(f"parameter file {path} is not YAML: {' '.join(str(error).split())}") from None
     if not isinstance(content, dict):
-        raise ParameterError(f"parameter file {path} is empty: begin with '/**: ros__parameters:'")
+        raise ParameterError(f"parameter file {path} has no sections: begin with '/**: ros__parameters:'")
     overrides: dict[str, object] = {}
     for section in ("/**", f"/{node}", node):
         if section in content:
@@ -198,7 +257,7 @@ def read_file(path: str | Path, node: str) -> dict[str, object]:
             if not isinstance(body, dict) or not isinstance(body.get("ros__parameters"), dict):
                 raise ParameterError(f"parameter file {path}: no ros__parameters under {section}")
             overrides |= _flat(body["ros__parameters"])
-    return overrides
+    return {name: value for name, value in overrides.items() if name not in ROS_OWN}
 
 
 def parse_assignment(text: str) -> tuple[str, Any]:

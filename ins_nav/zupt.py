@@ -60,7 +60,7 @@ class StopMeasurement:
     horizontal_rate : float
         k, rad/s.
     azimuth_gain : ndarray, shape (3,)
-        By how much S has turned clockwise from the stop's middle to the present, per unit of each drift, s.
+        By how much S has turned clockwise from the stop's start to the present, per unit of each drift, s.
     """
 
     rot_sb: Array

@@ -6,7 +6,14 @@ from typing import Any
 
 import pytest
 
-from ins_nav.parameters import PARAMETERS, ParameterError, checked_values, parse_assignment, read_file
+from ins_nav.parameters import (
+    PARAMETERS,
+    ParameterError,
+    checked_values,
+    default_values,
+    parse_assignment,
+    read_file,
+)
 
 
 def _refusal(**overrides: Any) -> str:
@@ -141,7 +148,7 @@ def test_the_configuration_that_is_shipped() -> None:
 @pytest.mark.parametrize(
     ("text", "reason"),
     [
-        ("", "is empty: begin with '/**: ros__parameters:'"),
+        ("", "has no sections: begin with '/**: ros__parameters:'"),
         ("a: [1,", "is not YAML"),
         ("/**: 5", "no ros__parameters under /**"),
         ("/**: {parameters: {}}", "no ros__parameters under /**"),
@@ -198,3 +205,10 @@ def test_numbers_as_ros_writes_them() -> None:
     """1e-3 is a number to ROS, a string to YAML 1.1."""
     name, value = parse_assignment("imu.gyro_bias_stddev_deg_per_hour:=1e-3")
     assert checked_values({name: value})[name] == 1e-3
+
+
+def test_config_shows_every_parameter_at_its_default() -> None:
+    shown = read_file(Path(__file__).parents[1] / "config/ins.yaml", "ins_node")
+    assert list(shown) == [parameter.name for parameter in PARAMETERS]
+    values, defaults = checked_values(shown), default_values()
+    assert all(values[name] == default or values[name] != values[name] for name, default in defaults.items())

@@ -5,9 +5,7 @@ import math
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
 from rclpy.node import Node
 
-from ins_nav.parameters import PARAMETERS, Value, checked_values
-
-_ROS_OWN = ("use_sim_time", "start_type_description_service")
+from ins_nav.parameters import PARAMETERS, ROS_OWN, Value, checked_values
 
 
 def declare(node: Node) -> dict[str, Value]:
@@ -23,7 +21,7 @@ def declare(node: Node) -> dict[str, Value]:
     given = {
         name: parameter.value
         for name, parameter in node._parameter_overrides.items()
-        if name not in _ROS_OWN and not name.startswith("qos_overrides.")
+        if name not in ROS_OWN and not name.startswith("qos_overrides.")
     }
     values = checked_values(given)
     for parameter in PARAMETERS:

@@ -1,0 +1,220 @@
+"""Velocity since the last rest, dead reckoned from the IMU alone, and how far it can be trusted.
+
+A small error-state Kalman filter, made for one question: may the base be standing? It needs no position, latitude
+or heading, and takes blocks of some tens of samples.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ins_nav.attitude import Quaternion, from_rotation_vector, multiply, normalized, rotate
+
+Triple = tuple[float, float, float]
+
+LONG_BLOCK = 0.2
+"""s: in a longer block samples were lost."""
+_GRAVITY = 9.81
+_SPEED_PRIOR = 30.0
+"""m/s: standard deviation of the speed of what this detector rides on, before anything is known."""
+_SPEED_PRIOR_CORRELATION = 30.0
+"""s: the time over which that speed stays the same."""
+_TILT_PRIOR = 0.3
+"""rad: the first level is taken from a specific force that may be that of a curve."""
+_GYRO_BIAS_PRIOR = 5e-3
+"""rad/s, 1000 °/h."""
+_ACCEL_BIAS_PRIOR = 0.05
+"""m/s², 5 mg."""
+_EARTH_RATE_PRIOR = 5e-5
+"""rad/s: horizontal components of the Earth's rate, of unknown direction."""
+_ALLAN_MINIMUM = 100.0
+"""s: where the random walk of a bias overtakes the sensor's white noise (the usual minimum of Allan deviation)."""
+_SCALE_ERROR = 2e-3
+"""Scale factors and misalignments of MEMS sensors."""
+_LOST_ACCELERATION = 3.0
+"""m/s²: what lost samples may have held."""
+_GATE = 13.8
+"""Squared distance of 0.1 % of normal pairs."""
+
+_H_V: NDArray[np.float64] = np.eye(2, 12)
+_V, _TILT, _GYRO, _EARTH, _ACCEL = slice(0, 2), slice(2, 4), slice(4, 7), slice(7, 9), slice(9, 12)
+
+
+class DeadReckoning:
+    """Horizontal velocity by a small error-state Kalman filter on level axes that are free in azimuth.
+
+    States: velocity (2), tilt (2), gyro biases (3, body), the Earth's horizontal rate (2, level axes: it stays
+    where it is when the body turns), accelerometer biases (3, body). Arrays are replaced, never changed in place: a
+    shallow copy keeps the state.
+
+    Attributes
+    ----------
+    velocity : 2 floats
+        At the end of the last block, m/s.
+    mean_velocity : 3 floats
+        Over the last block, m/s; its vertical part is neither corrected nor free of an accelerometer's bias.
+    yaw : float
+        Turn about the vertical since the start, rad.
+    """
+
+    def __init__(self) -> None:
+        self.velocity = (0.0, 0.0)
+        self.mean_velocity = (0.0, 0.0, 0.0)
+        self.yaw = 0.0
+        self._climb = 0.0
+        self._q: Quaternion | None = None
+        self._gyro = np.zeros(3)
+        self._earth = np.zeros(2)
+        self._accel = np.zeros(3)
+        self._rotation = np.eye(3)
+        self._p = np.diag(
+            np.square(
+                [_SPEED_PRIOR] * 2
+                + [_TILT_PRIOR] * 2
+                + [_GYRO_BIAS_PRIOR] * 3
+                + [_EARTH_RATE_PRIOR] * 2
+                + [_ACCEL_BIAS_PRIOR] * 3
+            )
+        )
+
+    @property
+    def speed(self) -> float:
+        """Horizontal, m/s."""
+        return math.hypot(*self.velocity)
+
+    @property
+    def speed_stddev(self) -> float:
+        """Of the less certain component, m/s."""
+        return math.sqrt(max(self._p[0, 0], self._p[1, 1]))
+
+    def yaw_rate_stddev(self, sway: float) -> float:
+        """Of the rate about the vertical at rest, rad/s."""
+        up = self._rotation[2]
+        return math.sqrt(float(up @ self._p[_GYRO, _GYRO] @ up) + _EARTH_RATE_PRIOR**2 + sway**2)
+
+    def lose_track(self) -> None:
+        """Velocity and attitude are unknown again."""
+        self.velocity = (0.0, 0.0)
+        self._q = None
+        self._p = self._p.copy()
+        self._p[:4, :] = self._p[:, :4] = 0.0
+        self._p[:4, :4] = np.diag(np.square([_SPEED_PRIOR] * 2 + [_TILT_PRIOR] * 2))
+
+    def doubt_velocity(self, stddev: float) -> None:
+        """Add an error of unknown direction, m/s."""
+        self._p = self._p + np.diag([stddev**2] * 2 + [0.0] * 10)
+
+    def propagate(self, time: float, turn: Triple, velocity: Triple, mean: Triple, gyro: float, accel: float) -> None:
+        """Carry the state over a block.
+
+        Parameters
+        ----------
+        time : float
+            Its length, s.
+        turn, velocity : 3 floats
+            Integrals of rate, and of specific force on the body's axes at the block's start.
+        mean : 3 floats
+            Mean of the second as it grew.
+        gyro, accel : float
+            Standard deviation of the block's mean rate and specific force, rad/s and m/s².
+        """
+        if self._q is None:
+            self._q = _level(*velocity)
+        rotation = self._rotation = _matrix(self._q)
+        rate = self._gyro + rotation[:2].T @ self._earth
+        rx, ry, rz = rate.tolist()
+        bx, by, bz = self._accel.tolist()
+        dv = (velocity[0] - bx * time, velocity[1] - by * time, velocity[2] - bz * time)
+        dx, dy, dz = rotate(self._q, *dv)
+        if time > LONG_BLOCK:  # what the lost samples felt is lost too
+            self.doubt_velocity(time * _LOST_ACCELERATION)
+        mx, my, mz = rotate(self._q, mean[0] - 0.5 * bx * time, mean[1] - 0.5 * by * time, mean[2] - 0.5 * bz * time)
+        self.mean_velocity = self.velocity[0] + mx, self.velocity[1] + my, self._climb + mz - 0.5 * _GRAVITY * time
+        self.velocity = self.velocity[0] + dx, self.velocity[1] + dy
+        self._climb += dz - _GRAVITY * time
+        tx, ty, tz = turn[0] - rx * time, turn[1] - ry * time, turn[2] - rz * time
+        self._q = normalized(multiply(self._q, from_rotation_vector(tx, ty, tz)))
+        ux, uy, uz = rotation[2].tolist()
+        self.yaw += ux * tx + uy * ty + uz * tz
+        f = np.eye(12)
+        f[0, 3], f[1, 2] = dz, -dz
+        f[_V, _ACCEL] = f[_TILT, _GYRO] = -time * rotation[:2]
+        f[2, 7] = f[3, 8] = -time
+        p = f @ self._p @ f.T
+        scale2 = _SCALE_ERROR**2
+        qv, qt = (accel * time) ** 2, (gyro * time) ** 2
+        v = qv + scale2 * math.hypot(dx, dy)
+        t = qt + scale2 * math.sqrt(tx * tx + ty * ty + tz * tz)
+        b, a = qt / _ALLAN_MINIMUM**2, qv / _ALLAN_MINIMUM**2
+        p.flat[::13] += (v, v, t, t, b, b, b, 0.0, 0.0, a, a, a)
+        self._p = p
+        # whatever it is, it is not at 100 m/s: keeps the level bounded in a long drive
+        if p[0, 0] > _SPEED_PRIOR**2 or p[1, 1] > _SPEED_PRIOR**2:
+            self._update(_H_V, -np.array(self.velocity), _SPEED_PRIOR**2 * _SPEED_PRIOR_CORRELATION / time)
+
+    def rate_offset(self, mean: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Mean rate over what is expected at rest, and the variance of that, rad/s."""
+        variance = self._p.diagonal()[_GYRO] + _EARTH_RATE_PRIOR**2
+        return mean - self._gyro - self._rotation[:2].T @ self._earth, variance
+
+    def rest_distance(self, acceleration: NDArray[np.float64], speed_noise2: float, accel_noise2: float) -> float:
+        """Squared Mahalanobis distance of velocity and mean acceleration, m/s², from zero."""
+        h = np.zeros((4, 12))
+        h[0, 0] = h[1, 1] = 1.0
+        h[2, 3], h[3, 2] = _GRAVITY, -_GRAVITY
+        h[2:, _ACCEL] = -self._rotation[:2]
+        s = h @ self._p @ h.T
+        s.flat[::5] += [speed_noise2, speed_noise2, accel_noise2, accel_noise2]
+        z = np.array([*self.velocity, *acceleration])
+        return float(z @ np.linalg.solve(s, z))
+
+    def rest(self, speed_noise: float, rate: NDArray[np.float64] | None, rate_noise: float) -> None:
+        """The base stands: velocity is zero, and where a rate is given, it is that of the biases and the Earth.
+
+        A velocity that contradicts this is left alone: it is jolted, or about to move.
+        """
+        vx, vy = self.velocity
+        limit = _GATE * (speed_noise**2 + max(self._p[0, 0], self._p[1, 1]))
+        if vx * vx + vy * vy < limit:
+            self._update(_H_V, np.array([-vx, -vy]), speed_noise**2)
+        if rate is not None:
+            h = np.zeros((3, 12))
+            h[0, 4] = h[1, 5] = h[2, 6] = 1.0
+            h[:, _EARTH] = self._rotation[:2].T
+            self._update(h, self.rate_offset(rate)[0], rate_noise**2)
+
+    def _update(self, h: NDArray[np.float64], residual: NDArray[np.float64], variance: float) -> None:
+        assert self._q is not None
+        ph = self._p @ h.T
+        s = h @ ph
+        s.flat[:: len(s) + 1] += variance
+        gain = np.linalg.solve(s, ph.T).T
+        dx = gain @ residual
+        p = self._p - gain @ ph.T
+        self._p = 0.5 * (p + p.T)
+        vx, vy, px, py = dx[:4].tolist()
+        self.velocity = self.velocity[0] + vx, self.velocity[1] + vy
+        self._q = multiply(from_rotation_vector(px, py, 0.0), self._q)
+        self._gyro = self._gyro + dx[_GYRO]
+        self._earth = self._earth + dx[_EARTH]
+        self._accel = self._accel + dx[_ACCEL]
+
+
+def _level(x: float, y: float, z: float) -> Quaternion:
+    """Body to level axes, from what is taken for the direction up."""
+    norm = math.sqrt(x * x + y * y + z * z)
+    if z < -0.999 * norm:  # upside down: half a turn about x
+        return 1.0, 0.0, 0.0, 0.0
+    return normalized((y, -x, 0.0, norm + z))
+
+
+def _matrix(q: Quaternion) -> NDArray[np.float64]:
+    x, y, z, w = q
+    return np.array(
+        [
+            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
+            [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
+            [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
+        ]
+    )

@@ -1,0 +1,180 @@
+"""`stop_detector_node`: finds stops in the IMU's stream and has `ins_node` calibrate itself at them.
+
+Works by itself, in a process with the other nodes, or not at all: `ins_node` does not depend on it. What was found
+travels as data: services are asked, not told when the stop began.
+"""
+
+import math
+import sys
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions
+from sensor_msgs.msg import Imu
+from std_msgs.msg import Bool
+from std_srvs.srv import Trigger
+
+from ins_nav.errors import for_people
+from ins_nav.health import INFO, WARN, Health
+from ins_nav.imu_stream import ImuStream
+from ins_nav.messages import stamp_of
+from ins_nav.nodes import parameters, runtime
+from ins_nav.stop_detection import Change, StopDetector, StopLimits
+from ins_nav.stop_policy import StopPolicy
+
+_IMU_DEPTH = 2000
+"""5 s at 400 Hz, as `ins_node` has."""
+
+
+class StopDetectorNode(Node):
+    """The node; see the package's README for topics, services and parameters.
+
+    Raises
+    ------
+    ParameterError
+    """
+
+    def __init__(self) -> None:
+        super().__init__("stop_detector_node")
+        values = parameters.declare(self)
+        self._health = Health()
+        self._stream = ImuStream(
+            self._health,
+            float(values["imu.max_angular_velocity"]),  # type: ignore[arg-type]
+            float(values["imu.max_linear_acceleration"]),  # type: ignore[arg-type]
+            float(values["imu.max_gap"]),  # type: ignore[arg-type]
+            values["imu.sampling"] == "instantaneous",
+        )
+        self._detector = StopDetector(StopLimits.from_parameters(values))
+        self._policy = StopPolicy.from_parameters(values)
+        self._calibration = {name: self.create_client(Trigger, f"ins_node/{name}") for name in ("zupt1", "zupt2")}
+        self._missing = False
+        self._answer = "none yet"
+        self._stops = 0
+        latched = QoSProfile(
+            history=HistoryPolicy.KEEP_LAST,
+            depth=1,
+            reliability=ReliabilityPolicy.RELIABLE,
+            durability=DurabilityPolicy.TRANSIENT_LOCAL,
+        )
+        self._stopped = self.create_publisher(Bool, "stopped", latched)
+        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self.create_subscription(
+            Imu,
+            "imu/data_raw",
+            self._on_imu,
+            QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=_IMU_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT),
+            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+        )
+        self.create_timer(1.0, self._on_timer)
+        self._stopped.publish(Bool(data=False))
+        self.get_logger().info("waiting for imu/data_raw")
+
+    def _on_imu(self, message: Imu) -> None:
+        rate, force = message.angular_velocity, message.linear_acceleration
+        detector = self._detector
+        samples = self._stream.accept(stamp_of(message), rate.x, rate.y, rate.z, force.x, force.y, force.z)
+        for stamp_ns, sample in samples:
+            if isinstance(sample, float):
+                was = detector.stopped
+                detector.restart()
+                self._policy.restart()
+                if was:
+                    self._tell(Change(False, stamp_ns, stamp_ns))
+                continue
+            change = detector.add(stamp_ns, sample)
+            if change is not None:
+                self._tell(change)
+            if detector.stopped and detector.rest_ns >= self._policy.due_ns:
+                self._call(self._policy.take())
+        if self._health.pending:
+            self._log()
+
+    def _tell(self, change: Change) -> None:
+        self._stopped.publish(Bool(data=change.stopped))
+        before = (change.decided_ns - change.stamp_ns) * 1e-9
+        if change.stopped:
+            self._stops += 1
+            self._policy.arrive()
+            self.get_logger().info(f"stopped, {before:.1f} s ago")
+        else:
+            self.get_logger().info(f"moving, since {before:.1f} s")
+
+    def _call(self, name: str) -> None:
+        client = self._calibration[name]
+        if not client.service_is_ready():
+            if not self._missing:
+                self.get_logger().warning(
+                    f"no service {client.srv_name}: is ins_node running, in this namespace? Tried again at every stop"
+                )
+            self._missing = True
+            return
+        self._missing = False
+        stop = self._policy.stop
+        client.call_async(Trigger.Request()).add_done_callback(lambda future: self._on_answer(name, stop, future))
+
+    def _on_answer(self, name: str, stop: int, future: Any) -> None:
+        answer = future.result()
+        self._policy.answered(name, stop, answer.success)
+        self._answer = f"{name} {'done' if answer.success else 'refused'}: {answer.message}"
+        self.get_logger().info(self._answer)
+
+    def _log(self) -> None:
+        logger = self.get_logger()
+        for report in self._health.drain():
+            if report.level == INFO:  # rclpy wants one severity a place in the source
+                logger.info(report.text)
+            elif report.level == WARN:
+                logger.warning(report.text)
+            else:
+                logger.error(report.text)
+
+    def _on_timer(self) -> None:
+        self._log()
+        detector, stream, counts = self._detector, self._stream, self._health.counts
+        gyro, accel = detector.noise
+        values = {
+            "stopped": str(detector.stopped).lower(),
+            "length of the stop": f"{detector.rest_ns * 1e-9:.1f} s",
+            "stops": str(self._stops),
+            "shaking over its threshold": f"{detector.shake:.3f}",
+            "speed since the last stop": f"{detector.speed:.3f} m/s",
+            "its sigma": f"{detector.speed_stddev:.3f} m/s",
+            "gyro noise over 0.1 s": f"{math.degrees(gyro):.5f} deg/s",
+            "accelerometer noise over 0.1 s": f"{accel:.5f} m/s^2",
+            "last answer": self._answer,
+            "imu/data_raw received": str(stream.received),
+            "imu/data_raw used": str(stream.accepted),
+        } | {kind: str(count) for kind, count in counts.items()}
+        level, text = DiagnosticStatus.OK, "stopped" if detector.stopped else "moving"
+        if not stream.received:
+            level, text = DiagnosticStatus.WARN, "no messages on imu/data_raw yet"
+        elif not stream.accepted:
+            level, text = DiagnosticStatus.ERROR, "every message on imu/data_raw was rejected: see the counts"
+        elif self._missing:
+            level, text = DiagnosticStatus.WARN, f"{text}; no service of ins_node to call"
+        elif counts:
+            level, text = DiagnosticStatus.WARN, f"{text}; {', '.join(f'{kind}: {n}' for kind, n in counts.items())}"
+        status = DiagnosticStatus(
+            level=level,
+            name=f"{self.get_fully_qualified_name()}: stops",
+            message=text,
+            hardware_id="imu",
+            values=[KeyValue(key=key, value=value) for key, value in values.items()],
+        )
+        array = DiagnosticArray(status=[status])
+        array.header.stamp = self.get_clock().now().to_msg()
+        self._diagnostics.publish(array)
+
+
+@for_people("stop_detector_node")
+def main(args: list[str] | None = None) -> None:
+    """Run the node until SIGINT or SIGTERM."""
+    runtime.init(args)
+    runtime.spin(StopDetectorNode())
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,157 @@
+"""A stop, from its first sample on: what it says of the gyros' drift, of level and of yaw.
+
+The measurement of every ``b`` of the ZUPT equations (`ins_nav.zupt`). At rest the platform's residual tilt rate shows
+in specific force carried into inertial space, exactly as in coarse alignment: the same series, the same noise, but
+on the axes S of the mechanization, whose azimuth is kept. (The paper reads it off the Schuler oscillation of velocity,
+which is the integral of the same series.) The vertical component is the run-off of yaw.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from ins_nav.attitude import Quaternion
+from ins_nav.earth import RATE
+from ins_nav.gravity_cone import GravityCone, cone_path
+from ins_nav.strapdown import Sample, State, geodetic
+from ins_nav.trend_noise import TrendNoise
+from ins_nav.zupt import StopMeasurement, ZuptError
+
+Array = NDArray[np.float64]
+
+_EXPECTED = 60.0
+"""s: sets the length of the first blocks; they double as the stop lasts."""
+_MIN_BLOCKS = 12
+
+
+@dataclass(frozen=True)
+class RestResult:
+    """A stop, analysed.
+
+    Attributes
+    ----------
+    measurement : StopMeasurement
+        At the start of the stop; its ``azimuth_gain`` reaches from there to the last sample.
+    q_gb : Quaternion
+        Body to S at the last sample, by the gyros as they are, level by gravity.
+    rocking : float
+        RMS of the tilt about its mean, rad.
+    duration : float
+        s.
+    """
+
+    measurement: StopMeasurement
+    q_gb: Quaternion
+    rocking: float
+    duration: float
+
+
+class Rest:
+    """Gathers a stop.
+
+    Parameters
+    ----------
+    state : State
+        The navigation solution at the last sample before the first that is added.
+    """
+
+    def __init__(self, state: State) -> None:
+        self.start = geodetic(state)
+        self._cone = GravityCone(_EXPECTED)
+
+    @property
+    def duration(self) -> float:
+        """s."""
+        return self._cone.time
+
+    def add(self, previous: Sample, sample: Sample, instantaneous: bool) -> None:
+        """Take one sample, biases in use removed, as `ins_nav.strapdown.step` does."""
+        self._cone.add(previous, sample, instantaneous)
+
+    def result(self, accel_bias_stddev: float = 0.0) -> RestResult:
+        """Analyse the stop so far.
+
+        Parameters
+        ----------
+        accel_bias_stddev : float
+            m/s²; the tilt it makes lets some of the Earth's rate pass for drift.
+
+        Raises
+        ------
+        ZuptError
+            Too short.
+        """
+        if len(self._cone) < _MIN_BLOCKS:
+            raise ZuptError(f"stop too short: {self.duration:.1f} s; stand still for longer and call again")
+        blocks, lat = self._cone.blocks(), self.start.lat
+        path = cone_path(lat, blocks.time)
+        gravity = float(np.linalg.norm(blocks.force.mean(axis=0)) / np.linalg.norm(path.mean(axis=0)))
+        limits = self._cone.noise_limits(gravity)
+        rot_b0s = Rotation.from_quat(self.start.q_gb).as_matrix().T
+        earth: Array = RATE * np.array([0.0, math.cos(lat), math.sin(lat)])
+        middle = Rotation.from_rotvec(-np.outer(blocks.time, earth))
+        ends: Array = blocks.length * np.arange(1.0, len(blocks.time) + 1)
+        rate = np.zeros(3)
+        for _ in range(3):
+            force_s = middle.apply(blocks.force @ rot_b0s) / gravity
+            bend = _bend(rate, earth, blocks.time)
+            series = force_s[:, :2] - np.column_stack([bend[:, 1], -bend[:, 0]])
+            noise = TrendNoise.of(blocks.time, blocks.total, series, limits)
+            fit = noise.fit(series)
+            tilted = _attitudes(rot_b0s, earth, ends, blocks.q_b0b)
+            tilts = np.outer(ends, rate) + _bend(rate, earth, ends)  # a rocking body would read them as yaw
+            tilts[:, 2] = 0.0
+            attitudes: Array = Rotation.from_rotvec(-tilts).as_matrix() @ tilted
+            yaw = np.unwrap(np.arctan2(attitudes[:, 1, 0], attitudes[:, 0, 0]))
+            yaw_rate, yaw_variance = _yaw_rate(yaw - _bend(rate, earth, ends)[:, 2], ends, limits[1])
+            rate = np.array([-fit.slope[1], fit.slope[0], yaw_rate])
+            rot_b0s = rot_b0s @ Rotation.from_rotvec([-fit.level[1], fit.level[0], 0.0]).as_matrix()
+
+        mean: Array = attitudes.mean(axis=0)
+        tilt = np.linalg.norm(attitudes[:, 2, :] - mean[2], axis=1)
+        leak = (RATE * accel_bias_stddev / gravity) ** 2
+        variance = fit.slope_variance + leak
+        last = _attitudes(rot_b0s, earth, np.array([self.duration]), np.array([self._cone.q_b0b]))
+        end = np.array([fit.end[0], fit.end[1]]) - fit.level + _bend(rate, earth, ends[-1:])[0, [1, 0]] * [1.0, -1.0]
+        q = (Rotation.from_rotvec([end[1], -end[0], 0.0]) * Rotation.from_matrix(last[0])).as_quat()
+        return RestResult(
+            StopMeasurement(
+                mean,
+                rate,
+                np.diag([variance, variance, yaw_variance + leak]),
+                float(earth[1]),
+                self.duration * mean[2],
+            ),
+            (float(q[0]), float(q[1]), float(q[2]), float(q[3])),
+            float(np.sqrt((tilt**2).mean())),
+            self.duration,
+        )
+
+
+def _bend(rate: Array, earth: Array, time: Array) -> Array:
+    """What the tilt of S, drifting at ``rate``, adds to ``rate`` times time, shape (n, 3), rad.
+
+    S drifts by ``d theta/dt = rate - earth x theta``: over minutes its axes turn with the Earth, and the drift of the
+    azimuth turns the horizontal part of the Earth's rate. Two terms of the series: the third is 1e-4 of the first.
+    """
+    once = np.cross(earth, rate)
+    twice = np.cross(earth, once)
+    bend: Array = -0.5 * np.outer(time**2, once) + np.outer(time**3, twice) / 6.0
+    return bend
+
+
+def _attitudes(rot_b0s: Array, earth: Array, time: Array, q_b0b: Array) -> Array:
+    """Body to S at the times given, shape (n, 3, 3); S turns with the Earth."""
+    turn = Rotation.from_rotvec(-np.outer(time, earth))
+    attitudes: Array = (turn * Rotation.from_matrix(rot_b0s.T) * Rotation.from_quat(q_b0b)).as_matrix()
+    return attitudes
+
+
+def _yaw_rate(yaw: Array, time: Array, walk: float) -> tuple[float, float]:
+    """Run-off of yaw, rad/s, and its variance: b5 of the paper."""
+    series = (yaw - yaw[0])[:, None]
+    fit = TrendNoise.of(time, float(time[-1]), series, np.array([math.inf, walk])).fit(series)
+    return float(fit.slope[0]), fit.slope_variance

@@ -1,0 +1,72 @@
+"""Which calibration service to call at which stop, and when."""
+
+from collections.abc import Mapping
+from typing import Self
+
+from ins_nav.parameters import Value
+
+_NEVER = 2**63
+
+
+class StopPolicy:
+    """Calls ZUPT-1 until it has succeeded at two stops, then ZUPT-2 at every stop.
+
+    A call is made when the stop has lasted for the given time, and again whenever its length has doubled: the
+    residual rates get better with the length to the power 1.5. ZUPT-1 is not repeated at a stop where it succeeded:
+    its second position must be another one. An answer is awaited before the next call.
+
+    Parameters
+    ----------
+    start_sequence : str
+        ``zupt1`` as above; ``zupt2``: that from the first stop on; ``none``: nothing at the first stop, then ZUPT-2.
+    zupt1_after, zupt2_after : float
+        Length of a stop at the first call, s.
+
+    Attributes
+    ----------
+    stop : int
+        Number of the present or last stop, from 1.
+    due_ns : int
+        Length of the present stop at which `take` has something to give.
+    """
+
+    def __init__(self, start_sequence: str, zupt1_after: float, zupt2_after: float) -> None:
+        self._sequence = start_sequence
+        self._after_ns = {"zupt1": round(zupt1_after * 1e9), "zupt2": round(zupt2_after * 1e9)}
+        self.restart()
+
+    @classmethod
+    def from_parameters(cls, values: Mapping[str, Value]) -> Self:
+        """From the values of the parameters ``stop_detector.*``."""
+        return cls(
+            str(values["stop_detector.start_sequence"]),
+            float(values["stop_detector.zupt1_after"]),  # type: ignore[arg-type]
+            float(values["stop_detector.zupt2_after"]),  # type: ignore[arg-type]
+        )
+
+    def restart(self) -> None:
+        """As before the first stop: the recording begins again."""
+        self.stop = 0
+        self.due_ns = _NEVER
+        self._positions = 0
+        self._service = ""
+        self._next_ns = _NEVER
+
+    def arrive(self) -> None:
+        """A stop begins."""
+        self.stop += 1
+        self._service = "zupt1" if self._sequence == "zupt1" and self._positions < 2 else "zupt2"
+        skipped = self._sequence == "none" and self.stop == 1
+        self.due_ns = _NEVER if skipped else self._after_ns[self._service]
+
+    def take(self) -> str:
+        """The service to call now; nothing is due then until it has answered."""
+        self._next_ns, self.due_ns = 2 * self.due_ns, _NEVER
+        return self._service
+
+    def answered(self, service: str, stop: int, success: bool) -> None:
+        """The service called at that stop has answered."""
+        if service == "zupt1" and success:
+            self._positions += 1
+        elif stop == self.stop:
+            self.due_ns = self._next_ns
