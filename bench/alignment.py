@@ -105,7 +105,7 @@ def _rocking(found: Array, least: float) -> str:
     within = int(np.count_nonzero(np.abs(error) < 3.0 * sigma))
     degrees = [f"{math.degrees(x):.4f}" for x in (_rms(error), sigma.mean(), sigma.max(), least)]
     ratios = [f"{x / least:.2f}" for x in (_rms(error), sigma.mean(), sigma.max())]
-    rows = [
+    rows: list[Sequence[object]] = [
         [f"within 3 of its own sigmas, of {len(error)}", within, "", "99"],
         ["RMS error", degrees[0], ratios[0], "2"],
         ["mean sigma", degrees[1], ratios[1], "2"],

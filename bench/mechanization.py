@@ -111,11 +111,12 @@ def coning_drift(compensated: bool) -> float:
         ]
     )
     rates = np.diff(integral, axis=0) / dt
+    none = [0.0] * 3
     s, c = math.sin(0.5 * _HALF_CONE), math.cos(0.5 * _HALF_CONE)
     q = (s, 0.0, 0.0, c)
     for before, now in zip(rates[:-1].tolist(), rates[1:].tolist(), strict=True):
-        change = [b - a for a, b in zip(before, now, strict=True)] if compensated else [0.0] * 3
-        increments = strapdown.compensated_increments(dt, *now, 0.0, 0.0, 0.0, *change, 0.0, 0.0, 0.0)
+        change = [b - a for a, b in zip(before, now, strict=True)] if compensated else none
+        increments = strapdown.compensated_increments(dt, *now, *none, *change, *none)
         q = attitude.multiply(q, attitude.from_rotation_vector(*increments[:3]))
     # a whole number of turns: back where it began
     return float((Rotation.from_quat(q) * Rotation.from_quat([s, 0.0, 0.0, c]).inv()).magnitude()) / _CONE_TIME

@@ -1,6 +1,7 @@
 """Hears a live ins_node as demo/recorder.py does; tells counts and latencies by one line of JSON."""
 
 import json
+from typing import Any
 
 import numpy as np
 
@@ -16,7 +17,7 @@ def main() -> None:
     spin(recorder)
     samples, solutions = (recorder.received[topic] for topic in ("imu/data_raw", "odometry"))
     stamps = [stamp_of(TYPES.deserialize_cdr(data, "nav_msgs/msg/Odometry")) for _, data in solutions]
-    last = TYPES.deserialize_cdr(recorder.received["/diagnostics"][-1][1], "diagnostic_msgs/msg/DiagnosticArray")
+    last: Any = TYPES.deserialize_cdr(recorder.received["/diagnostics"][-1][1], "diagnostic_msgs/msg/DiagnosticArray")
     delays = latency_ms(samples, solutions)
     result = {
         "diagnostics": {item.key: item.value for item in last.status[0].values},

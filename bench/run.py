@@ -10,6 +10,7 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
+from ins_nav.bags import suggestion
 from ins_nav.errors import InsNavError, for_people
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -52,7 +53,7 @@ def _machine() -> str:
 
 def _section(name: str) -> str:
     if name not in SECTIONS:
-        raise InsNavError(f"no section {name!r}; there are: {', '.join(SECTIONS)}")
+        raise InsNavError(f"no section {name!r}{suggestion(name, SECTIONS)}")
     return name
 
 

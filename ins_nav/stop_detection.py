@@ -66,7 +66,9 @@ _CERTAIN = 5.0
 _ARRIVAL_ALARM = 0.05
 """Probability to wait for more: the standard deviation grows with time, a creep that is taken for a stop does harm."""
 _EPOCHS = 10
-"""Windows of a stop that are taken back at most when it ends: a slow start looks like rest at first."""
+"""Windows of a stop that can be taken back when it ends: a slow start looks like rest at first."""
+_EPOCH_MARGIN = 1_000_000_000
+"""ns before the estimated start that are taken back too, and as long again as the start was not noticed."""
 _SMOOTHING = 0.02
 """Share of a new variance in the mean over 5 s."""
 _LEAST = 2.0
@@ -75,6 +77,10 @@ _FORGETTING = 1.001
 """Growth of the least variance a block: a sensor that has become noisier is known in minutes."""
 _NOISE_FLOOR = 0.005
 """Of sway and vibration: no base is quieter."""
+
+
+_Place = tuple[int, float, float, float, float]
+"""Stamp, mean velocity (3) over the block that ends there, yaw."""
 
 
 class Change(NamedTuple):
@@ -193,11 +199,11 @@ class StopDetector:
         self.shake = math.inf
         self._reckoning.lose_track()
         self._blocks: deque[tuple[float, ...]] = deque(maxlen=self._size + 1)
-        self._epochs: deque[tuple[DeadReckoning, list[tuple[int, Any]]]] = deque(maxlen=_EPOCHS)
-        self._track: deque[tuple[int, float, float, float, float]] = deque(maxlen=_HISTORY)
+        self._epochs: deque[tuple[int, DeadReckoning, list[tuple[int, Any]]]] = deque(maxlen=_EPOCHS)
+        self._track: deque[_Place] = deque(maxlen=_HISTORY)
         self._still = self._sure = self._glided = 0
         self._doubt = self._glide_speed = 0.0
-        self._next_sway_ns = self._due = self._windows = 0
+        self._next_sway_ns = self._due = 0
         self._rest_of_block: tuple[float, ...] = (0.0, 0.0, 0.0)
         self._clear_block()
 
@@ -269,7 +275,7 @@ class StopDetector:
         block = time, turn, velocity, mean, gyro, accel
         reckoning.propagate(*block)
         if self._epochs:
-            self._epochs[-1][1].append((self.stamp_ns, block))
+            self._epochs[-1][2].append((self.stamp_ns, block))
         if time > LONG_BLOCK:
             self._blocks.clear()
             self._track.clear()
@@ -324,7 +330,7 @@ class StopDetector:
         self.stopped = True
         self.since_ns = self._began(blocks, trend[:, :2])
         self._doubt = min(reckoning.speed_stddev, _ROLL)
-        self._sure = self._glided = self._due = self._windows = 0
+        self._sure = self._glided = self._due = 0
         self._glide_speed = 0.0
         reckoning.rest(_REST_SPEED, None, 0.0)
         self._track.clear()  # velocities before this correction are no measure of those after it
@@ -364,46 +370,49 @@ class StopDetector:
         margin = self._sigmas * reckoning.speed_stddev
         latest = [self._track[-i] for i in range(1, min(len(self._track), self._size) + 1)]
         mean_speed = math.hypot(sum(v[1] for v in latest), sum(v[2] for v in latest)) / len(latest)
-        if mean_speed > limits.max_speed + margin or reckoning.speed > 2.0 * limits.max_speed + margin:
+        fast = mean_speed > limits.max_speed + margin or reckoning.speed > 2.0 * limits.max_speed + margin
+        if fast and self._epochs:
             return self._leave()
         if still:
             self._learn(spread)
         self._due -= 1
         if self._due <= 0:
             self._due = self._size
-            self._windows += 1
-            self._epochs.append((copy.copy(reckoning), []))
+            self._epochs.append((self.stamp_ns, copy.copy(reckoning), []))
         whole = still and self._due == self._size  # windows overlap: their mean rate is news once a window
         speed_noise = _REST_SPEED * max(0.1, math.sqrt(self.shake)) if still else limits.max_speed
         reckoning.rest(speed_noise, mean_rate if whole else None, limits.sway)
         return None
 
     def _leave(self) -> Change:
-        """The stop is over, and was for a while: take back what was learnt from it in the last seconds."""
-        reckoning, track = self._reckoning, list(self._track)
-        if self._epochs:
-            back = list(self._epochs)[-max(2, self._windows // 2) :]  # of a short stop half, or nothing would be left
-            reckoning = back[0][0]
-            blocks = [block for _, epoch in back for block in epoch]
-            track = []
-            for stamp, block in blocks:
-                reckoning.propagate(*block)
-                track.append((stamp, *reckoning.mean_velocity, reckoning.yaw))
-            self._epochs.clear()
-        self._track.clear()
-        self._track.extend(track)
-        ended = self.stamp_ns
-        for stamp, x, y, _, _ in reversed(track):
-            ended = stamp
-            if math.hypot(x, y) < _START_SPEED:
-                break
+        """The stop is over, and was for a while: take back what was learnt from it since it seems to have ended."""
+        reckoning, track, ended = self._again(0)
+        start = ended - (self.stamp_ns - ended) - _EPOCH_MARGIN
+        last = max((i for i, epoch in enumerate(self._epochs) if epoch[0] <= start), default=0)
+        if last > 0:
+            reckoning, track, ended = self._again(last)
         if self.stamp_ns - self.since_ns < _CERTAIN * 1e9:
             reckoning.doubt_velocity(self._doubt)
         self._reckoning = reckoning
+        self._track.clear()
+        self._track.extend(track)
+        self._epochs.clear()
         self.stopped = False
         self.since_ns = ended
         self._still = 0
         return Change(False, ended, self.stamp_ns)
+
+    def _again(self, first: int) -> tuple[DeadReckoning, list[_Place], int]:
+        """Dead reckoning from one of the epochs to now, its track, and when the base was last seen to stand."""
+        epochs = list(self._epochs)[first:]
+        reckoning = copy.copy(epochs[0][1])
+        track, ended = [], epochs[0][0]
+        for stamp, block in (block for epoch in epochs for block in epoch[2]):
+            reckoning.propagate(*block)
+            track.append((stamp, *reckoning.mean_velocity, reckoning.yaw))
+            if math.hypot(*reckoning.mean_velocity[:2]) < _START_SPEED:
+                ended = stamp
+        return reckoning, track, ended
 
     def _learn(self, spread: NDArray[np.float64]) -> None:
         """Noise from the quietest axis and time at rest: engines and people only add."""

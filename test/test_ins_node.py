@@ -18,7 +18,7 @@ pytestmark = needs_ros
 
 IMU, FIX, ODOMETRY = "sensor_msgs/msg/Imu", "sensor_msgs/msg/NavSatFix", "nav_msgs/msg/Odometry"
 DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
-OUTPUTS = {"odometry": ODOMETRY, "imu/data": IMU, "fix": FIX}
+OUTPUTS = {"odometry": ODOMETRY, "imu/data": IMU, "fix": FIX, "/diagnostics": DIAGNOSTICS}
 DURATION = "alignment.duration:=10.0"
 
 
@@ -35,6 +35,14 @@ def node(ros: Ros, *parameters: str, extra: tuple[str, ...] = ()) -> Process:
     process = ros.start("ins_nav.nodes.ins_node", "--ros-args", *settings, *extra)
     process.wait_for_output("waiting for imu/data_raw")
     return process
+
+
+def node_and_listener(ros: Ros, *parameters: str) -> tuple[Process, Listener]:
+    """A node, and a listener that hears it already: discovery can take longer than a short bag."""
+    listener = ros.listen(OUTPUTS)
+    process = node(ros, *parameters)
+    listener.wait_for_count("/diagnostics", 1)
+    return process, listener
 
 
 def play(ros: Ros, bag: Path, *arguments: str) -> None:
@@ -74,8 +82,7 @@ def test_live_equals_ins_process(drive: Path, tmp_path: Path) -> None:
             content = reader.deserialize(raw)
             offline[raw.topic][stamp_of(content)] = content
     with Ros(tmp_path) as ros:
-        listener = ros.listen(OUTPUTS)
-        ins = node(ros, DURATION)
+        ins, listener = node_and_listener(ros, DURATION)
         play(ros, drive, "--rate", "5")
         listener.wait_for_count("odometry", len(offline["/odometry"]))
         assert ins.stop() == 0
@@ -118,8 +125,7 @@ def test_bad_samples_are_told_counted_and_survived(drive: Path, tmp_path: Path) 
     edited = [raw for i, raw in enumerate(edited) if not imu[start + 200] <= i <= imu[start + 600]]
     bag = rewritten(tmp_path / "bad", edited)
     with Ros(tmp_path) as ros:
-        listener = ros.listen(OUTPUTS | {"/diagnostics": DIAGNOSTICS})
-        ins = node(ros, DURATION)
+        ins, listener = node_and_listener(ros, DURATION)
         play(ros, bag, "--rate", "5")
         listener.wait_for(lambda: last_values(listener).get("imu/data_raw received") == str(len(imu) - 401))
         values = last_values(listener)
@@ -140,8 +146,7 @@ def test_bad_samples_are_told_counted_and_survived(drive: Path, tmp_path: Path) 
 
 def test_looped_bag_starts_again(drive: Path, tmp_path: Path) -> None:
     with Ros(tmp_path) as ros:
-        listener = ros.listen({"odometry": ODOMETRY})
-        ins = node(ros, DURATION)
+        ins, listener = node_and_listener(ros, DURATION)
         player = ros.start("ins_nav.nodes.bag_player", drive, "--no-progress", "--rate", "10", "--loop")
         ins.wait_for_output(r"stamps jumped by -\d+\.\d+ s \(back\): starting again[^\0]*aligned in 10.0 s", 60.0)
         count = len(listener.messages("odometry"))

@@ -410,6 +410,6 @@ def test_any_input(
     fed.feed(messages[:100], shift_ns=max(stamp, messages[0][0]) - messages[0][0] + 86_400_000_000_000)
     assert n.phase in (Phase.COARSE, Phase.NAVIGATING)
     n.add_fix(stamp, 0, 55.7, 37.6, 150.0)
-    fed.feed(messages[100:160], shift_ns=max(stamp, messages[0][0]) - messages[0][0] + 86_400_000_000_000)
+    fed.feed(messages[100:260], shift_ns=max(stamp, messages[0][0]) - messages[0][0] + 86_400_000_000_000)
     assert n.phase is Phase.NAVIGATING
     assert all(math.isfinite(x) for x in n.state)  # type: ignore[union-attr]

@@ -45,6 +45,13 @@ def said(process: Process) -> str:
     return process.stdout + process.stderr
 
 
+def wait_for_services(ros: Ros, services: str) -> Listener:
+    """Wait until the node has discovered them; a listener to diagnostics."""
+    listener = ros.listen({"/diagnostics": DIAGNOSTICS})
+    listener.wait_for(lambda: values(listener).get("services") == services)
+    return listener
+
+
 def values(listener: Listener) -> dict[str, str]:
     received = listener.messages("/diagnostics")
     return {item.key: item.value for item in received[-1].message.status[0].values} if received else {}
@@ -55,9 +62,10 @@ def test_stops_are_told_and_services_called(drive: Path, tmp_path: Path) -> None
     """zupt1 once at each of the first two stops, and never from a callback that waits for it."""
     with Ros(tmp_path) as ros:
         listener = ros.listen({"stopped": BOOL}, latched=True)
-        diagnostics = ros.listen({"/diagnostics": DIAGNOSTICS})
         services = server(ros, "ins_node/zupt1=drifts 1 2 3 deg/h", "ins_node/zupt2=drifts 4 5 6 deg/h")
         detector = node(ros, *SOON)
+        diagnostics = wait_for_services(ros, "zupt1, zupt2")
+        listener.wait_for_count("stopped", 1)
         play(ros, drive)
         listener.wait_for_count("stopped", 5)
         diagnostics.wait_for(lambda: "stopped" in values(diagnostics) and values(diagnostics)["stops"] == "2")
@@ -71,10 +79,11 @@ def test_stops_are_told_and_services_called(drive: Path, tmp_path: Path) -> None
 
 @needs_ros
 def test_refusals_are_logged_and_tried_again(drive: Path, tmp_path: Path) -> None:
-    """5 s after the start and, as it was refused, at 10 s; the second stop lasts for 22 s: 5, 10, 20 s."""
+    """At 5 s and 10 s of the first stop, which lasts for 13 s, at 5, 10 and 20 s of the second, of 22 s."""
     with Ros(tmp_path) as ros:
         services = server(ros, "ins_node/zupt2=no: the stop is too short")
         detector = node(ros, "stop_detector.start_sequence:=zupt2", *SOON)
+        wait_for_services(ros, "zupt2")
         play(ros, drive)
         refusal = "zupt2 refused: no: the stop is too short"
         detector.wait_for_output(rf"(?:{refusal}[^\0]*){{5}}")
@@ -83,15 +92,17 @@ def test_refusals_are_logged_and_tried_again(drive: Path, tmp_path: Path) -> Non
 
 
 @needs_ros
-def test_missing_service_is_told_once_and_tried_at_the_next_stop(drive: Path, tmp_path: Path) -> None:
+def test_missing_service_is_told_once_and_tried_again(drive: Path, tmp_path: Path) -> None:
     with Ros(tmp_path) as ros:
         listener = ros.listen({"stopped": BOOL}, latched=True)
         detector = node(ros, *SOON)
+        listener.wait_for_count("stopped", 1)
         play(ros, drive)
         listener.wait_for_count("stopped", 5)
-        missing = r"no service /ins_node/zupt1: is ins_node running"
+        missing = r"no service ins_node/zupt1: is ins_node running"
         assert len(re.findall(missing, said(detector))) == 1
         services = server(ros, "ins_node/zupt1=drifts 1 2 3 deg/h")
+        wait_for_services(ros, "zupt1")
         play(ros, drive)  # the stamps jump back: everything begins again
         detector.wait_for_output(r"stamps jumped by -\d+\.\d+ s \(back\): starting again[^\0]*zupt1 done")
         listener.wait_for_count("stopped", 9)

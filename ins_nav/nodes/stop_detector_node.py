@@ -103,17 +103,17 @@ class StopDetectorNode(Node):
             self.get_logger().info(f"moving, since {before:.1f} s")
 
     def _call(self, name: str) -> None:
-        client = self._calibration[name]
-        if not client.service_is_ready():
-            if not self._missing:
-                self.get_logger().warning(
-                    f"no service {client.srv_name}: is ins_node running, in this namespace? Tried again at every stop"
-                )
-            self._missing = True
+        client, stop = self._calibration[name], self._policy.stop
+        if client.service_is_ready():
+            self._missing = False
+            client.call_async(Trigger.Request()).add_done_callback(lambda future: self._on_answer(name, stop, future))
             return
-        self._missing = False
-        stop = self._policy.stop
-        client.call_async(Trigger.Request()).add_done_callback(lambda future: self._on_answer(name, stop, future))
+        if not self._missing:
+            self.get_logger().warning(
+                f"no service ins_node/{name}: is ins_node running, in this namespace? Tried again later"
+            )
+        self._missing = True
+        self._policy.answered(name, stop, False)
 
     def _on_answer(self, name: str, stop: int, future: Any) -> None:
         answer = future.result()
@@ -144,6 +144,7 @@ class StopDetectorNode(Node):
             "its sigma": f"{detector.speed_stddev:.3f} m/s",
             "gyro noise over 0.1 s": f"{math.degrees(gyro):.5f} deg/s",
             "accelerometer noise over 0.1 s": f"{accel:.5f} m/s^2",
+            "services": ", ".join(n for n, c in self._calibration.items() if c.service_is_ready()) or "none",
             "last answer": self._answer,
             "imu/data_raw received": str(stream.received),
             "imu/data_raw used": str(stream.accepted),
