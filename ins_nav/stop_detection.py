@@ -24,6 +24,7 @@ References
        Transactions on Biomedical Engineering, 2010, vol. 57, no. 11.
 """
 
+import cmath
 import copy
 import math
 from collections import deque
@@ -61,6 +62,8 @@ _ROLL = 1.0
 """m/s: whoever rolls faster shakes."""
 _GLIDES = 0.1
 """Share of the time surely spent moving: a carrier that is still for more of it is a smooth one (a ship, a train)."""
+_GLIDE_RATE = 0.01
+"""Share of a block in the mean velocity of a creep, which follows the drift of dead reckoning: 10 s."""
 _CERTAIN = 5.0
 """s: a shorter stop may have been an even roll, if the velocity was not well known when it began."""
 _ARRIVAL_ALARM = 0.05
@@ -203,6 +206,7 @@ class StopDetector:
         self._track: deque[_Place] = deque(maxlen=_HISTORY)
         self._still = self._sure = self._glided = 0
         self._doubt = self._glide_speed = 0.0
+        self._glide = 0j
         self._next_sway_ns = self._due = 0
         self._rest_of_block: tuple[float, ...] = (0.0, 0.0, 0.0)
         self._clear_block()
@@ -338,18 +342,26 @@ class StopDetector:
 
     def _smooth(self) -> bool:
         """Whether stillness says nothing: this drive has been without shaking before, and may be so now."""
-        speed, stddev = self._reckoning.speed, self._reckoning.speed_stddev
+        reckoning = self._reckoning
+        speed, stddev = reckoning.speed, reckoning.speed_stddev
+        vx, vy = reckoning.velocity
+        along = complex(vx, vy) * cmath.exp(-1j * reckoning.yaw)  # carriers mostly go where they point
         if speed > self._sigmas * stddev + self.limits.max_speed:
             self._sure += 1
             if self._still:
+                self._glide = along if self._glided == 0 else self._glide
                 self._glided += 1
                 self._glide_speed += speed
         if self._glided <= _GLIDES * self._sure:
             return False
-        glide = self._glide_speed / self._glided
-        if glide > _ROLL:
-            return max(speed, stddev) > 0.5 * glide
-        return speed > 0.5 * glide and stddev < 2.0 * glide  # a creep, as long as the velocity tells
+        half = 0.5 * self._glide_speed / self._glided
+        if half > 0.5 * _ROLL:
+            return max(speed, stddev) > half
+        # a creep: its end is a change of velocity, which shows longer than the velocity itself is known
+        on = abs(along - self._glide) < half if stddev > 0.5 * half else speed > half
+        if self._still and on:
+            self._glide += _GLIDE_RATE * (along - self._glide)
+        return on
 
     def _began(self, blocks: int, trend: NDArray[np.float64]) -> int:
         """When the speed fell to zero, given that the base stands since some blocks and what it seemed to do then."""

@@ -3,13 +3,16 @@
 import math
 from collections.abc import Callable
 from functools import cache
-from typing import NamedTuple
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 
+from ins_nav.bags import BagReader
 from ins_nav.health import Health
 from ins_nav.imu_stream import ImuStream
+from ins_nav.messages import stamp_of
 from ins_nav.parameters import default_values
 from ins_nav.simulation import scenarios
 from ins_nav.simulation.motion import Motion, Route
@@ -217,3 +220,53 @@ def test_noisy_imu_needs_its_noise_given() -> None:
     assert run(standing) == []
     told = StopLimits(gyro_noise=math.radians(10.0) / 60.0, accel_noise=6000e-6 * 9.80665, false_alarm=1e-6)
     assert [stop.declared < 6.0 for stop in run(standing, StopDetector(told))] == [True]
+
+
+def recording(name: str) -> dict[str, list[tuple[int, list[float]]]]:
+    """IMU samples, and horizontal reference velocity where there is one."""
+    path = Path(__file__).parents[2] / "shared" / "data" / name
+    if not path.is_dir():
+        pytest.skip(f"recording {name} is not there")
+    found: dict[str, list[tuple[int, list[float]]]] = {}
+    with BagReader(path) as bag:
+        topics = [topic for topic in ("/imu/data_raw", "/reference/velocity") if topic in bag.topics]
+        for raw in bag.messages(topics):
+            message: Any = bag.deserialize(raw)
+            if raw.topic == "/imu/data_raw":
+                w, f = message.angular_velocity, message.linear_acceleration
+                row = [w.x, w.y, w.z, f.x, f.y, f.z]
+            else:
+                row = [message.twist.twist.linear.x, message.twist.twist.linear.y]
+            found.setdefault(raw.topic, []).append((stamp_of(message), row))
+    return found
+
+
+def test_kingston() -> None:
+    """Every stop of 10 s or more by the reference; none while it moves faster than 0.5 m/s, published or dated."""
+    data = recording("kingston_a")
+    imu, reference = data["/imu/data_raw"], data["/reference/velocity"]
+    time = np.array([(stamp - imu[0][0]) * 1e-9 for stamp, _ in reference])
+    speed = np.hypot(*np.array([row for _, row in reference]).T)
+    still = np.concatenate([[0], (speed < 0.05).astype(int), [0]])
+    true = [(time[a], time[b - 1]) for a, b in np.flatnonzero(np.diff(still)).reshape(-1, 2) if b - 1 - a >= 10]
+    found = run(imu)
+    assert len(true) == 9
+    for began, ended in true:
+        # before its own zero-velocity update the reference keeps up to 0.13 m/s for 3 s, and it has 1 Hz
+        (stop,) = [stop for stop in found if stop.began < ended and stop.ended > began]
+        assert began - 4.0 < stop.began < began + 1.0 and stop.declared < began + 1.5
+        assert ended - 0.5 < stop.ended < ended + 1.5
+    fine = np.arange(0.0, time[-1], 0.1)
+    fast = np.interp(fine, time, speed) > 0.5
+    for stop in found:
+        assert not fast[(fine > stop.began) & (fine < stop.revoked)].any()
+
+
+def test_rlg_drive() -> None:
+    """66 s and more with people moving in the car are one stop; the drive has none, nor has any part of it."""
+    imu = recording("rlg_drive")["/imu/data_raw"]
+    (stop,) = run(imu)
+    assert stop.began < 0.2 and stop.declared < 2.5
+    assert 69.0 < stop.ended < 70.5 and stop.revoked < 71.0  # specific force begins to rise at 69.4 s
+    for start in (72.0, 100.0):
+        assert run([m for m in imu if (m[0] - imu[0][0]) * 1e-9 > start]) == []

@@ -40,7 +40,7 @@ from ins_nav.nodes.runtime import init, message_class, spin
 
 _GLOBAL_TOPICS = ("/tf", "/tf_static", "/clock", "/rosout", "/parameter_events", "/diagnostics")
 _DEPTH = 1000  # 2.5 s at 400 Hz: no burst is lost on a reader that is slow for a moment
-_STABLE = 0.5  # s without a further match: a reader may match later than its writer
+_STABLE = 3.5  # s without a further match: an announcement that was lost is repeated after 3 s
 _TELL_WAIT = 2.0  # s without any subscriber: longer than discovery usually takes
 _LATE = 0.5  # s behind the schedule worth a word
 _ACKNOWLEDGE = 5.0  # s for reliable readers to acknowledge the last messages
