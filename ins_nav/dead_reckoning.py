@@ -52,17 +52,20 @@ class DeadReckoning:
     ----------
     velocity : 2 floats
         At the end of the last block, m/s.
-    mean_velocity : 3 floats
-        Over the last block, m/s; its vertical part is neither corrected nor free of an accelerometer's bias.
+    mean_velocity : 2 floats
+        Over the last block, m/s.
+    mean_integral : 3 floats
+        The same of the integral of acceleration, to which no correction of the velocity is added, m/s: for changes.
     yaw : float
         Turn about the vertical since the start, rad.
     """
 
     def __init__(self) -> None:
         self.velocity = (0.0, 0.0)
-        self.mean_velocity = (0.0, 0.0, 0.0)
+        self.mean_velocity = (0.0, 0.0)
+        self.mean_integral = (0.0, 0.0, 0.0)
         self.yaw = 0.0
-        self._climb = 0.0
+        self._integral = (0.0, 0.0, 0.0)
         self._q: Quaternion | None = None
         self._gyro = np.zeros(3)
         self._earth = np.zeros(2)
@@ -130,9 +133,12 @@ class DeadReckoning:
         if time > LONG_BLOCK:  # what the lost samples felt is lost too
             self.doubt_velocity(time * _LOST_ACCELERATION)
         mx, my, mz = rotate(self._q, mean[0] - 0.5 * bx * time, mean[1] - 0.5 * by * time, mean[2] - 0.5 * bz * time)
-        self.mean_velocity = self.velocity[0] + mx, self.velocity[1] + my, self._climb + mz - 0.5 * _GRAVITY * time
-        self.velocity = self.velocity[0] + dx, self.velocity[1] + dy
-        self._climb += dz - _GRAVITY * time
+        dz_level, mz_level = dz - _GRAVITY * time, mz - 0.5 * _GRAVITY * time
+        (vx, vy), (x, y, z) = self.velocity, self._integral
+        self.mean_velocity = vx + mx, vy + my
+        self.mean_integral = x + mx, y + my, z + mz_level
+        self.velocity = vx + dx, vy + dy
+        self._integral = x + dx, y + dy, z + dz_level
         tx, ty, tz = turn[0] - rx * time, turn[1] - ry * time, turn[2] - rz * time
         self._q = normalized(multiply(self._q, from_rotation_vector(tx, ty, tz)))
         ux, uy, uz = rotation[2].tolist()

@@ -241,7 +241,7 @@ class Navigator:
             alignment = self._alignment.solve(lat, height, self._heading, self._heading_stddev)
             self._navigate(alignment, lat, lon, height)
         except AlignmentError as error:
-            self.health.note("alignment restarts", ERROR, f"alignment: {error}", self.stamp_ns)
+            self.health.note("alignment restarts", ERROR, f"alignment from imu/data_raw: {error}", self.stamp_ns)
             self._align()
 
     def _navigate(self, alignment: Alignment, lat: float, lon: float, height: float) -> None:

@@ -82,8 +82,8 @@ _NOISE_FLOOR = 0.005
 """Of sway and vibration: no base is quieter."""
 
 
-_Place = tuple[int, float, float, float, float]
-"""Stamp, mean velocity (3) over the block that ends there, yaw."""
+_Place = tuple[int, float, float, float, float, float, float]
+"""Stamp; mean over the block that ends there of the horizontal velocity (2) and of the integral (3); yaw."""
 
 
 class Change(NamedTuple):
@@ -284,7 +284,7 @@ class StopDetector:
             self._blocks.clear()
             self._track.clear()
             self._still = 0
-        self._track.append((self.stamp_ns, *reckoning.mean_velocity, reckoning.yaw))
+        self._track.append((self.stamp_ns, *reckoning.mean_velocity, *reckoning.mean_integral, reckoning.yaw))
         self._blocks.append((turn[0] / time, turn[1] / time, turn[2] / time, fx, fy, fz))
         if len(self._blocks) <= self._size:
             return None
@@ -320,7 +320,7 @@ class StopDetector:
         else:
             return None
         track = np.array(self._track)[-blocks:]
-        age, velocity, yaw = (track[:, 0] - self.stamp_ns) * 1e-9, track[:, 1:4], track[:, 4]
+        age, velocity, yaw = (track[:, 0] - self.stamp_ns) * 1e-9, track[:, 3:6], track[:, 6]
         if abs(yaw[-1] - yaw[0]) > self._sigmas * reckoning.yaw_rate_stddev(self.limits.sway) * -age[0]:
             return None
         basis = np.vander(age, order + 1, increasing=True)
@@ -368,7 +368,7 @@ class StopDetector:
         trend_x, trend_y = trend.T[:, ::-1].tolist()
         track = list(self._track)
         began = track[-blocks][0]
-        for stamp, x, y, _, _ in reversed(track[-blocks - round(_LOOK_BACK / _BLOCK) :]):
+        for stamp, _, _, x, y, _, _ in reversed(track[-blocks - round(_LOOK_BACK / _BLOCK) :]):
             age = (stamp - self.stamp_ns) * 1e-9
             if math.hypot(x - _polynomial(trend_x, age), y - _polynomial(trend_y, age)) > _START_SPEED:
                 break
@@ -400,7 +400,10 @@ class StopDetector:
         """The stop is over, and was for a while: take back what was learnt from it since it seems to have ended."""
         reckoning, track, ended = self._again(0)
         start = ended - (self.stamp_ns - ended) - _EPOCH_MARGIN
-        last = max((i for i, epoch in enumerate(self._epochs) if epoch[0] <= start), default=0)
+        # of a short stop half is kept in any case: taken back as a whole it would teach nothing
+        least = 0 if len(self._epochs) == _EPOCHS else len(self._epochs) // 2
+        last = max((i for i, epoch in enumerate(self._epochs) if epoch[0] <= start), default=least)
+        last = max(last, least)
         if last > 0:
             reckoning, track, ended = self._again(last)
         if self.stamp_ns - self.since_ns < _CERTAIN * 1e9:
@@ -421,8 +424,8 @@ class StopDetector:
         track, ended = [], epochs[0][0]
         for stamp, block in (block for epoch in epochs for block in epoch[2]):
             reckoning.propagate(*block)
-            track.append((stamp, *reckoning.mean_velocity, reckoning.yaw))
-            if math.hypot(*reckoning.mean_velocity[:2]) < _START_SPEED:
+            track.append((stamp, *reckoning.mean_velocity, *reckoning.mean_integral, reckoning.yaw))
+            if math.hypot(*reckoning.mean_velocity) < _START_SPEED:
                 ended = stamp
         return reckoning, track, ended
 

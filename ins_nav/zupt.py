@@ -39,6 +39,10 @@ _MAX_CONDITION = 30.0
 """A system that magnifies errors more than this gives numbers, not drifts."""
 _CONFIDENCE = 0.999
 """A solution less likely than 1 - this is inconsistent."""
+_MODEL_ERROR = 1e-10
+"""rad/s: gravity some 100 m up is off the ellipsoid's normal by 1e-7 rad, as much of the Earth's rate is 1e-11."""
+_MIN_SINE = math.sin(math.radians(5.0))
+"""Without the run-off of yaw a tilt shows the third drift by so much of it; less is too little."""
 
 
 class ZuptError(InsNavError):
@@ -146,7 +150,7 @@ def zupt2(stop: StopMeasurement, heading_stddev: float = 0.0) -> Calibration:
     covariance[:3, :3] = inverse @ noise @ inverse.T
     covariance[3, 3] = heading_stddev**2
     # the error of the drifts and that of the azimuth which makes it are one and the same
-    covariance[:3, 3] = covariance[3, :3] = -inverse[:, 0] * stop.horizontal_rate * heading_stddev**2
+    covariance[:3, 3] = covariance[3, :3] = inverse[:, 0] * stop.horizontal_rate * heading_stddev**2
     return Calibration(inverse @ stop.rate, 0.0, covariance)
 
 
@@ -173,7 +177,7 @@ def zupt1(first: StopMeasurement, second: StopMeasurement) -> Calibration:
     residual, jacobian = _residual(x, first, second)
     mismatch = float(residual @ weight @ residual)
     limit = float(stats.chi2.ppf(_CONFIDENCE, 2))
-    if mismatch > limit and float(np.abs(residual).max()) > 1e-12:
+    if mismatch > limit and float(np.abs(residual).max()) > _MODEL_ERROR:
         raise ZuptError(
             f"inconsistent: no drift and azimuth explain both stops (chi-square {mismatch:.1f}, limit {limit:.1f}): "
             "the unit moved during a stop, or its drift changed between them; repeat with longer stops"
@@ -214,7 +218,7 @@ def zupt1_linear(first: StopMeasurement, second: StopMeasurement) -> Calibration
     radial = np.array([sine, -cosine])  # the second of the pair enters the cosine with the other sign
     norm_stddev = 2.0 * math.sqrt(max(float(radial @ pair @ radial), 0.0))
     limit = float(stats.norm.ppf(0.5 * (1.0 + _CONFIDENCE)))
-    if abs(norm - 1.0) > limit * norm_stddev + 1e-6:
+    if abs(norm - 1.0) > limit * norm_stddev + 2.0 * _MODEL_ERROR / k:
         raise ZuptError(
             f"inconsistent: sin² + cos² of the azimuth is {norm:.4f}, not 1 within {limit * norm_stddev:.4f}: "
             "the unit moved during a stop, or its drift changed between them; repeat with longer stops"
@@ -239,8 +243,7 @@ def zupt1_nonlinear(first: StopMeasurement, second: StopMeasurement) -> Calibrat
     ZuptError
         The positions do not show all drifts, or there is no real root.
     """
-    if _yaw_between(first, second) < _MIN_TURN:
-        raise ZuptError(_turn_missing(first, second))
+    _check_turn(first, second)
     left, right = _linear_system(first, second)
     u, s, vt = np.linalg.svd(left[:2])
     base = vt[:2].T @ ((u.T @ right[:2]) / s)  # one solution; the others differ by multiples of the null direction
@@ -250,12 +253,17 @@ def zupt1_nonlinear(first: StopMeasurement, second: StopMeasurement) -> Calibrat
     offset = np.array([rows[0] @ base - first.rate[0], k + first.rate[1] - rows[1] @ base]) / k
     slope = np.array([rows[0] @ free, -(rows[1] @ free)]) / k
     a, half_b, c = float(slope @ slope), float(slope @ offset), float(offset @ offset) - 1.0
-    if a * k**2 < math.sin(math.radians(5.0)) ** 2:
+    if a * k**2 < _MIN_SINE**2:
         raise ZuptError(
             "without the run-off of yaw a position far from the horizon is needed: tilt the unit by 20° or more in "
             "one of the positions"
         )
     discriminant = half_b**2 - a * c
+    if abs(discriminant) * k**2 < _MIN_SINE**2:  # both roots are one: the third drift acts as the azimuth does
+        raise ZuptError(
+            "these positions do not tell the drift from the azimuth without the run-off of yaw: turn or tilt the unit "
+            "by another angle"
+        )
     if discriminant < 0.0:
         raise ZuptError(
             "inconsistent: no drift makes sin² + cos² of the azimuth equal to 1; the unit moved during a stop"
@@ -300,10 +308,7 @@ def _linear_system(first: StopMeasurement, second: StopMeasurement) -> tuple[Arr
 
 def _linear(first: StopMeasurement, second: StopMeasurement) -> Array:
     """Drifts and present azimuth, shape (4,), by the linear system."""
-    _check_attitude(first)
-    _check_attitude(second)
-    if _yaw_between(first, second) < _MIN_TURN:
-        raise ZuptError(_turn_missing(first, second))
+    _check_turn(first, second)
     left, right = _linear_system(first, second)
     if np.linalg.cond(left) > _MAX_CONDITION:
         raise ZuptError(_turn_missing(first, second))
@@ -323,6 +328,13 @@ def _sine_cosine(drift: Array, stop: StopMeasurement) -> tuple[float, float, flo
 def _check_attitude(stop: StopMeasurement) -> None:
     if np.linalg.svd(stop.rot_sb, compute_uv=False)[-1] < 0.5:
         raise ZuptError("rocking too much: over the stop the unit had no mean attitude")
+
+
+def _check_turn(first: StopMeasurement, second: StopMeasurement) -> None:
+    _check_attitude(first)
+    _check_attitude(second)
+    if _yaw_between(first, second) < _MIN_TURN:
+        raise ZuptError(_turn_missing(first, second))
 
 
 def _yaw_between(first: StopMeasurement, second: StopMeasurement) -> float:

@@ -179,7 +179,7 @@ def test_moving_off_while_aligning_is_told_and_alignment_begins_again() -> None:
     fed = Fed(**HERE, **{"alignment.duration": 30.0}).feed(_messages()[:4000])
     assert fed.navigator.state is None
     assert fed.counts["alignment restarts"] >= 1
-    assert "alignment: the base moved off after" in fed.said[0]
+    assert "alignment from imu/data_raw: the base moved off after" in fed.said[0]
 
 
 def test_fix_used_is_not_older_than_the_alignment() -> None:

@@ -1,0 +1,271 @@
+"""ZUPT-1 and ZUPT-2 on made-up stops: exact recovery, covariances against the theoretical bound, refusals."""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from scipy import stats
+from scipy.spatial.transform import Rotation
+
+from ins_nav.earth import RATE
+from ins_nav.zupt import (
+    Calibration,
+    StopMeasurement,
+    ZuptError,
+    after_alignment,
+    zupt1,
+    zupt1_linear,
+    zupt1_nonlinear,
+    zupt2,
+)
+
+Array = np.ndarray
+Solver = Callable[[StopMeasurement, StopMeasurement], Calibration]
+
+K = RATE * math.cos(math.radians(60.0))
+DRIFT = np.array([1e-7, -1e-7, 1e-7])
+EXACT = np.eye(3) * 1e-20
+"""Covariance of a stop without noise: sigma 1e-10 rad/s, far above rounding, so no residual is refused."""
+NOISE = np.array([2e-9, 3e-9, 1e-9])
+"""Sigma of the rates, rad/s: some minutes with gyros of 0.0001 °/√h; azimuth to 0.003°, so the problem is linear."""
+DRAWS = 300
+
+
+def _position(yaw: float, pitch: float = 0.0, roll: float = 0.0) -> Array:
+    """Body to S, from degrees."""
+    return Rotation.from_euler("ZYX", [yaw, pitch, roll], degrees=True).as_matrix()
+
+
+def _stop(
+    rot_sb: Array,
+    azimuth: float,
+    gain: float = 0.0,
+    drift: Array = DRIFT,
+    covariance: Array = EXACT,
+    error: Array | float = 0.0,
+) -> StopMeasurement:
+    """What the model says: ``azimuth`` is that of S at present, ``gain`` s after the stop."""
+    azimuth_gain = gain * rot_sb[2]
+    then = azimuth - azimuth_gain @ drift
+    rate = K * np.array([-math.sin(then), math.cos(then) - 1.0, 0.0]) + rot_sb @ drift + error
+    return StopMeasurement(rot_sb, rate, covariance, K, azimuth_gain)
+
+
+GEOMETRIES = {
+    "90": (_position(45.0), _position(135.0)),
+    "180": (_position(45.0), _position(225.0)),
+    "-60, tilted": (_position(10.0, 3.0, -2.0), _position(-50.0, -4.0, 5.0)),
+    "120, pitched up": (_position(45.0), _position(165.0, 40.0)),
+}
+geometries = pytest.mark.parametrize("positions", GEOMETRIES.values(), ids=GEOMETRIES.keys())
+azimuths = pytest.mark.parametrize("azimuth_deg", [0.0, 0.2, -4.0])
+
+
+@geometries
+@azimuths
+@pytest.mark.parametrize("gain", [0.0, 400.0])
+def test_zupt1_is_exact(positions: tuple[Array, Array], azimuth_deg: float, gain: float) -> None:
+    azimuth = math.radians(azimuth_deg)
+    first, second = (_stop(m, azimuth, g) for m, g in zip(positions, (gain, 0.1 * gain), strict=True))
+    found = zupt1(first, second)
+    # Gauss-Newton converges to rounding: 1e-16 * k of rates, 1e-20 rad/s, magnified by at most 30
+    np.testing.assert_allclose(found.drift, DRIFT, atol=1e-17)
+    assert found.azimuth == pytest.approx(azimuth, abs=1e-13)
+
+
+@geometries
+@azimuths
+@pytest.mark.parametrize("gain", [0.0, 400.0])
+def test_linear_zupt1_is_exact_to_first_order_in_the_turn_of_s(
+    positions: tuple[Array, Array], azimuth_deg: float, gain: float
+) -> None:
+    azimuth = math.radians(azimuth_deg)
+    found = zupt1_linear(_stop(positions[0], azimuth, gain), _stop(positions[1], azimuth))
+    # S turns by 400 s * 1e-7 rad/s = 4e-5 rad. Its product with sin(azimuth) <= 0.07 and k is left out: 1e-10 rad/s,
+    # magnified at most threefold; without that turn nothing is left out.
+    np.testing.assert_allclose(found.drift, DRIFT, atol=3.0 * 0.07 * gain * 1e-7 * K + 1e-17)
+    assert found.azimuth == pytest.approx(azimuth, abs=3.0 * 0.07 * gain * 1e-7 + 1e-13)
+
+
+@azimuths
+@pytest.mark.parametrize("tilted", [_position(165.0, 40.0), _position(-45.0, -30.0), _position(225.0, 5.0, 45.0)])
+def test_nonlinear_zupt1_is_exact_with_a_tilted_position(tilted: Array, azimuth_deg: float) -> None:
+    azimuth = math.radians(azimuth_deg)
+    stops = _stop(_position(45.0), azimuth), _stop(tilted, azimuth)
+    blind = [StopMeasurement(s.rot_sb, s.rate + [0.0, 0.0, 1e-5], EXACT, K, s.azimuth_gain) for s in stops]
+    for first, second in (stops, blind):  # a run-off of yaw that is not the drift's does not matter
+        found = zupt1_nonlinear(first, second)
+        # the quadratic's discriminant is a difference of numbers near 1: rounding 1e-16 k / sin²(30°), some times over
+        np.testing.assert_allclose(found.drift, DRIFT, atol=1e-17)
+        assert found.azimuth == pytest.approx(azimuth, abs=1e-12)
+
+
+@pytest.mark.parametrize("rot_sb", [_position(45.0), _position(-120.0, 5.0, -8.0), _position(30.0, 60.0)])
+def test_zupt2_is_exact(rot_sb: Array) -> None:
+    np.testing.assert_allclose(zupt2(_stop(rot_sb, 0.0)).drift, DRIFT, atol=1e-20)  # rounding of one linear system
+
+
+@pytest.mark.parametrize("true_deg", [0.0, 30.0, -135.0, 179.0])
+def test_self_alignment_is_a_stop_in_the_same_position(true_deg: float) -> None:
+    true, rot_sb = math.radians(true_deg), _position(20.0, 4.0, -3.0)  # to axes of any azimuth
+    drift_s = rot_sb @ DRIFT
+    b = np.array([-K * math.sin(true), K * math.cos(true), 0.0]) + drift_s  # (1), (5)
+    found = math.atan2(-b[0], b[1])  # (2)
+    covariance = np.diag([4.0, 9.0, 1.0]) * 1e-18
+    stop = after_alignment(b, found, rot_sb, K, covariance)
+    same = _stop(Rotation.from_euler("z", -found).as_matrix() @ rot_sb, true - found)
+    # rounding of rates of the size of k
+    np.testing.assert_allclose(stop.rate, same.rate, atol=1e-19)
+    np.testing.assert_allclose(stop.rot_sb, same.rot_sb, atol=1e-15)
+    assert stop.rate[0] == pytest.approx(0.0, abs=1e-19)  # the azimuth found has absorbed the east drift
+    assert np.trace(stop.covariance) == pytest.approx(np.trace(covariance))
+    result = zupt1(stop, _stop(_position(90.0) @ same.rot_sb, true - found))
+    np.testing.assert_allclose(result.drift, DRIFT, atol=1e-17)
+    improved = found + result.azimuth
+    # (6), on the axes of the alignment
+    assert math.sin(improved) == pytest.approx(-(b[0] - drift_s[0]) / K, abs=1e-12)
+    assert math.cos(improved) == pytest.approx((b[1] - drift_s[1]) / K, abs=1e-12)
+
+
+def test_zupt2_after_a_self_alignment_in_place_sees_no_east_drift_and_says_so() -> None:
+    rot_sb = _position(45.0)
+    east = float(rot_sb[0] @ DRIFT)
+    stddev = 3e-3
+    found = zupt2(_stop(rot_sb, math.asin(east / K)), stddev)
+    # east is absorbed exactly; north by k (1 - cos azimuth), 1e-10 rad/s
+    np.testing.assert_allclose(rot_sb @ found.drift, [0.0, *(rot_sb @ DRIFT)[1:]], atol=3e-10)
+    assert rot_sb[0] @ found.covariance[:3, :3] @ rot_sb[0] == pytest.approx((K * stddev) ** 2, rel=1e-3)
+
+
+@pytest.mark.parametrize("method", [zupt1, zupt1_linear, zupt1_nonlinear])
+@pytest.mark.parametrize("second", [_position(45.0), _position(60.0), _position(45.0, 40.0)])
+def test_positions_without_a_turn_are_refused(method: Solver, second: Array) -> None:
+    with pytest.raises(ZuptError, match=r"no turn between the positions: yaw differs by (0|15)\.0°, .* turn the veh"):
+        method(_stop(_position(45.0), 0.0), _stop(second, 0.0))
+
+
+@pytest.mark.parametrize("method", [zupt1, zupt1_linear, zupt1_nonlinear])
+def test_rocking_without_a_mean_attitude_is_refused(method: Solver) -> None:
+    still, rocking = _stop(_position(45.0), 0.0), _stop(0.3 * _position(135.0), 0.0)
+    for first, second in ((still, rocking), (rocking, still)):
+        with pytest.raises(ZuptError, match="rocking too much"):
+            method(first, second)
+    with pytest.raises(ZuptError, match="rocking too much"):
+        zupt2(rocking)
+
+
+@pytest.mark.parametrize(
+    ("method", "sentence"),
+    [(zupt1, "no drift and azimuth explain both stops"), (zupt1_linear, r"sin² .* is [01]\.\d+, not 1")],
+)
+def test_a_drift_that_changed_is_refused(method: Solver, sentence: str) -> None:
+    # after 90° four horizontal rates give three unknowns: the difference of both changes is left over, 100 sigma here
+    changed = DRIFT + [3e-7, -3e-7, 0.0]
+    noise = np.diag(NOISE**2)
+    first = _stop(_position(0.0), 0.0, covariance=noise)
+    with pytest.raises(ZuptError, match=f"inconsistent: {sentence}"):
+        method(first, _stop(_position(90.0), 0.0, drift=changed, covariance=noise))
+
+
+def test_nonlinear_zupt1_refuses_level_positions() -> None:
+    with pytest.raises(ZuptError, match="tilt the unit by 20° or more"):
+        zupt1_nonlinear(_stop(_position(45.0), 0.0), _stop(_position(135.0, 2.0), 0.0))
+
+
+def test_nonlinear_zupt1_refuses_a_tilt_that_acts_as_the_azimuth() -> None:
+    # here the drift that the differences do not show lies east in both positions, as an azimuth's: a double root
+    with pytest.raises(ZuptError, match=r"do not tell the drift from the azimuth .* by another angle"):
+        zupt1_nonlinear(_stop(_position(45.0), 0.0), _stop(_position(135.0, -30.0), 0.0))
+
+
+def test_nonlinear_zupt1_refuses_rates_without_a_root() -> None:
+    first, second = _stop(_position(0.0), 0.0), _stop(_position(90.0, 40.0), 0.0)
+    moved = StopMeasurement(first.rot_sb, first.rate + 10.0 * K, EXACT, K, first.azimuth_gain)
+    with pytest.raises(ZuptError, match="inconsistent: no drift makes sin²"):
+        zupt1_nonlinear(moved, second)
+
+
+def _band(count: int) -> tuple[float, float]:
+    """Where the RMS of normal deviates lies, but for once in 1000 times."""
+    low, high = stats.chi2.ppf([0.0005, 0.9995], count) / count
+    return math.sqrt(low), math.sqrt(high)
+
+
+def _assert_consistent(errors: Array, covariance: Array) -> None:
+    """Errors, shape (n, 4), against a covariance: each by its sigma, all together by the whole."""
+    low, high = _band(len(errors))
+    rms = np.sqrt((errors**2).mean(axis=0) / np.diag(covariance))
+    assert np.all((low < rms) & (rms < high)), rms
+    low, high = _band(errors.size)
+    whole = math.sqrt(np.einsum("ni,ij,nj->", errors, np.linalg.inv(covariance), errors) / errors.size)
+    assert low < whole < high
+
+
+def _drawn_errors(method: Solver, positions: tuple[Array, Array], azimuth: float) -> tuple[Array, Array]:
+    """Errors of drifts and azimuth over draws of noise, shape (n, 4), and the covariance of one."""
+    rng = np.random.default_rng(1)
+    noise = np.diag(NOISE**2)
+    errors = []
+    for _ in range(DRAWS):
+        stops = [_stop(m, azimuth, 100.0, covariance=noise, error=NOISE * rng.standard_normal(3)) for m in positions]
+        try:
+            found = method(*stops)
+        except ZuptError as error:
+            assert "inconsistent" in str(error)  # once in 1000 by design
+            continue
+        errors.append([*(found.drift - DRIFT), found.azimuth - azimuth])
+    assert len(errors) >= DRAWS - 3  # 0.3 expected
+    return np.array(errors), found.covariance
+
+
+@pytest.mark.parametrize(
+    ("method", "positions"),
+    [
+        (zupt1, GEOMETRIES["90"]),
+        (zupt1, GEOMETRIES["180"]),
+        (zupt1_linear, GEOMETRIES["90"]),
+        (zupt1_linear, GEOMETRIES["120, pitched up"]),
+        (zupt1_nonlinear, GEOMETRIES["120, pitched up"]),
+    ],
+)
+def test_errors_of_zupt1_are_as_its_covariance_says(method: Solver, positions: tuple[Array, Array]) -> None:
+    _assert_consistent(*_drawn_errors(method, positions, 1e-3))
+
+
+@geometries
+def test_zupt1_reaches_the_cramer_rao_bound(positions: tuple[Array, Array]) -> None:
+    azimuth = 1e-3
+
+    def rates(x: Array) -> Array:
+        return np.concatenate([_stop(m, x[3], 100.0, drift=x[:3]).rate for m in positions])
+
+    truth, steps = np.array([*DRIFT, azimuth]), np.array([1e-9, 1e-9, 1e-9, 1e-5])
+    jacobian = np.column_stack([(rates(truth + d) - rates(truth - d)) / (2.0 * d.sum()) for d in np.diag(steps)])
+    bound = np.linalg.inv(jacobian.T @ np.diag(np.tile(NOISE**-2, 2)) @ jacobian)
+    errors, covariance = _drawn_errors(zupt1, positions, azimuth)
+    # RMS of 300 draws scatters by 4 %
+    assert np.all(np.sqrt((errors**2).mean(axis=0) / np.diag(bound)) <= 1.15)
+    # the same matrix but for the differences' truncation and the point where it is taken, one sigma away
+    scale = np.sqrt(np.diag(bound))
+    np.testing.assert_allclose(covariance / np.outer(scale, scale), bound / np.outer(scale, scale), atol=1e-3)
+
+
+def test_errors_of_zupt2_are_as_its_covariance_says() -> None:
+    rng = np.random.default_rng(2)
+    rot_sb, heading_stddev, noise = _position(30.0, 10.0, -5.0), 1e-4, np.diag(NOISE**2)
+    errors = []
+    for _ in range(DRAWS):
+        azimuth = heading_stddev * rng.standard_normal()
+        found = zupt2(_stop(rot_sb, azimuth, covariance=noise, error=NOISE * rng.standard_normal(3)), heading_stddev)
+        errors.append([*(found.drift - DRIFT), found.azimuth - azimuth])
+    _assert_consistent(np.array(errors), found.covariance)
+
+
+def test_sentence() -> None:
+    per_hour = math.radians(1.0) / 3600.0
+    sigma = np.array([1e-4 * per_hour, 2e-4 * per_hour, 3e-4 * per_hour, math.radians(0.004)])
+    found = Calibration(np.array([0.02, -0.0213, 2.0]) * per_hour, math.radians(-0.25), np.diag(sigma**2))
+    drifts = "gyro drifts in °/h: x +0.0200 ± 0.0001, y -0.0213 ± 0.0002, z +2.0000 ± 0.0003"
+    assert found.sentence(False) == drifts
+    assert found.sentence(True) == f"{drifts}; heading corrected by -0.2500° ± 0.0040°"
