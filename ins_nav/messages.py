@@ -68,7 +68,7 @@ class SolutionMessages:
         self.fix = fix
         self.first = False
         self._navigator = navigator
-        self._map: strapdown.MapFrame | None = None
+        self._alignments = 0
         rate = float(navigator.parameter("publish.rate"))  # type: ignore[arg-type]
         self._period_ns = round(_NS / rate) if rate else 0
         self._next_ns = 0
@@ -82,9 +82,9 @@ class SolutionMessages:
 
     def due(self) -> bool:
         """Whether the navigator's new solution is to be published; call it once for each."""
-        self.first = self._navigator.map is not self._map
+        self.first = self._navigator.alignments != self._alignments
         if self.first:
-            self._map = self._navigator.map
+            self._alignments = self._navigator.alignments
             self._next_ns = 0
         stamp_ns = self._navigator.stamp_ns
         if stamp_ns < self._next_ns:

@@ -53,8 +53,10 @@ class Navigator:
         In use, rad/s and m/s².
     attitude_covariance : ndarray, shape (3, 3)
         On east, north, up, at the end of alignment, rad².
+    alignments : int
+        How many there have been.
     map : MapFrame or None
-        East-north-up at the place of the alignment.
+        East-north-up at the place of the first alignment since the start or the last restart.
     health : Health
     stream : ImuStream
 
@@ -89,6 +91,7 @@ class Navigator:
         self.angular_velocity = (0.0, 0.0, 0.0)
         self.specific_force = (0.0, 0.0, 0.0)
         self.stamp_ns = 0
+        self.alignments = 0
         self._begin()
 
     def _number(self, name: str) -> float:
@@ -248,7 +251,9 @@ class Navigator:
         east, north, up = alignment.velocity_g
         velocity = (east, north, up if self._vertical else 0.0)
         self.state = strapdown.initial_state(lat, lon, height, velocity, alignment.q_gb)
-        self.map = strapdown.MapFrame(lat, lon, height)
+        if self.map is None:  # it stays where it was when alignment is repeated
+            self.map = strapdown.MapFrame(lat, lon, height)
+        self.alignments += 1
         self.attitude_covariance = alignment.covariance
         self.phase = Phase.NAVIGATING
         roll, pitch, yaw = attitude.to_euler(alignment.q_gb)

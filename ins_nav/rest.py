@@ -93,7 +93,9 @@ class Rest:
         rot_b0s = Rotation.from_quat(self.start.q_gb).as_matrix().T
         earth: Array = RATE * np.array([0.0, math.cos(lat), math.sin(lat)])
         middle = Rotation.from_rotvec(-np.outer(blocks.time, earth))
-        ends: Array = blocks.length * np.arange(1.0, len(blocks.time) + 1)
+        # blocks are whole samples, so not of one length; each middle lies halfway between two ends
+        sign = (-1.0) ** np.arange(len(blocks.time))
+        ends: Array = np.asarray(2.0 * sign * np.cumsum(sign * blocks.time), float)
         rate = np.zeros(3)
         for _ in range(3):
             force_s = middle.apply(blocks.force @ rot_b0s) / gravity

@@ -413,3 +413,13 @@ def test_any_input(
     fed.feed(messages[100:260], shift_ns=max(stamp, messages[0][0]) - messages[0][0] + 86_400_000_000_000)
     assert n.phase is Phase.NAVIGATING
     assert all(math.isfinite(x) for x in n.state)  # type: ignore[union-attr]
+
+
+def test_map_stays_when_alignment_is_repeated() -> None:
+    fed = Fed(**HERE, **HEADING)
+    fed.feed(_messages("static")[:1000])
+    first = fed.navigator.map
+    assert first is not None and fed.navigator.alignments == 1
+    fed.navigator.align()
+    fed.feed(_messages("static")[1000:2000])
+    assert fed.navigator.alignments == 2 and fed.navigator.map is first
