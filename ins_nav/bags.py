@@ -437,7 +437,7 @@ class BagWriter:
 
     def _make_way(self) -> None:
         if not self._overwrite:
-            raise BagError(f"{self.path}: exists already; choose another name, or ask to overwrite it")
+            raise BagError(f"{self.path}: exists already; choose another name, or add --overwrite")
         parts = list(self.path.iterdir()) if self.path.is_dir() else []
         if not self.path.is_dir() or any(p.name != "metadata.yaml" and p.suffix not in _RECOVERY for p in parts):
             raise BagError(f"{self.path}: is not a bag, so it is not overwritten; choose another name")

@@ -22,11 +22,13 @@ class Health:
         self.counts: dict[str, int] = {}
         self._told: dict[str, tuple[int, int]] = {}
         self._reports: list[Report] = []
+        self._latest: dict[str, tuple[int, Report]] = {}
 
     def note(self, kind: str, level: str, text: str, stamp_ns: int) -> None:
         """Count an event; tell it when it is the first of its kind or the last telling was 10 s of data ago."""
         count = self.counts.get(kind, 0) + 1
         self.counts[kind] = count
+        self._latest[kind] = (stamp_ns, Report(level, text))
         told_stamp, told_count = self._told.get(kind, (0, 0))
         if told_count and abs(stamp_ns - told_stamp) < _REPEAT_AFTER:
             return
@@ -37,6 +39,11 @@ class Health:
     def tell(self, level: str, text: str) -> None:
         """A line that is always told."""
         self._reports.append(Report(level, text))
+
+    def recent(self, stamp_ns: int) -> list[Report]:
+        """The latest event of each kind that came in the last 10 s of data, latest last."""
+        near = [entry for entry in self._latest.values() if abs(stamp_ns - entry[0]) < _REPEAT_AFTER]
+        return [report for _, report in sorted(near, key=lambda entry: entry[0])]
 
     @property
     def pending(self) -> bool:

@@ -9,7 +9,7 @@ import math
 from typing import Any
 
 from ins_nav import strapdown
-from ins_nav.health import Health
+from ins_nav.health import ERROR, INFO, Health
 from ins_nav.navigator import Navigator, Phase
 
 _NS = 1_000_000_000
@@ -138,8 +138,15 @@ def fill_bias(message: Any, navigator: Navigator, base_link_frame: str) -> None:
         message.linear_acceleration_covariance[4 * i] = navigator.accel_bias_stddev**2
 
 
-def diagnostics(navigator: Navigator) -> tuple[int, str, dict[str, str]]:
-    """Level (0 OK, 1 warning, 2 error), one line, and the values of a diagnostic status."""
+def diagnostics(navigator: Navigator, silent_for: float = 0.0) -> tuple[int, str, dict[str, str]]:
+    """Level (0 OK, 1 warning, 2 error), one line, and the values of a diagnostic status.
+
+    Parameters
+    ----------
+    navigator : Navigator
+    silent_for : float
+        Time since the last message on imu/data_raw, s, where that is known.
+    """
     stream, health = navigator.stream, navigator.health
     values = {
         "phase": navigator.phase.value,
@@ -155,15 +162,19 @@ def diagnostics(navigator: Navigator) -> tuple[int, str, dict[str, str]]:
         values["level sigma at alignment"] = f"{max(sigma[:2]):.5f} deg"
         values["heading sigma at alignment"] = f"{sigma[2]:.4f} deg"
     values |= {kind: str(count) for kind, count in health.counts.items()}
-    level, text = _summary(navigator, health)
+    level, text = _summary(navigator, health, silent_for)
     return level, text, values
 
 
-def _summary(navigator: Navigator, health: Health) -> tuple[int, str]:
+def _summary(navigator: Navigator, health: Health, silent_for: float) -> tuple[int, str]:
     if navigator.stream.received == 0:
         return 1, "no messages on imu/data_raw yet"
     if navigator.stream.accepted == 0:
         return 2, "every message on imu/data_raw was rejected: see the counts"
-    if health.counts:
-        return 1, f"{navigator.phase.value}; {', '.join(f'{kind}: {n}' for kind, n in health.counts.items())}"
+    if silent_for >= 2.0:
+        return 2, f"no messages on imu/data_raw for {silent_for:.0f} s: is the driver running?"
+    recent = [report for report in health.recent(navigator.stamp_ns) if report.level != INFO]
+    if recent:
+        level = 2 if any(report.level == ERROR for report in recent) else 1
+        return level, f"{navigator.phase.value}; {recent[-1].text}"
     return 0, navigator.phase.value

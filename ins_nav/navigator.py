@@ -258,11 +258,11 @@ class Navigator:
         self.phase = Phase.NAVIGATING
         roll, pitch, yaw = attitude.to_euler(alignment.q_gb)
         heading = math.degrees(attitude.heading_from_yaw(yaw))
-        sigma = "given" if self._heading is not None else f"sigma {math.degrees(alignment.heading_stddev):.3f}"
+        sigma = "given" if self._heading is not None else f"sigma {math.degrees(alignment.heading_stddev):.3f}°"
         level = math.degrees(math.sqrt(max(alignment.covariance[0, 0], alignment.covariance[1, 1])))
         self.health.tell(
             INFO,
             f"aligned in {self._alignment.time:.1f} s: heading {heading:.3f}° ({sigma}), roll "
-            f"{math.degrees(roll):.3f}°, pitch {math.degrees(pitch):.3f}° (sigma {level:.4f}); gravity "
+            f"{math.degrees(roll):.3f}°, pitch {math.degrees(pitch):.3f}° (sigma {level:.4f}°); gravity "
             f"{alignment.gravity_ratio:.6f} of normal; navigating",
         )

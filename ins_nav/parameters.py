@@ -234,13 +234,13 @@ def known(name: str) -> Parameter:
     raise ParameterError(f"unknown parameter {name}{hint}")
 
 
-def read_file(path: str | Path, node: str) -> dict[str, object]:
-    """Overrides for a node from a ROS 2 parameter file: sections ``/**``, ``/node`` or ``node``, in that order.
+def read_file(path: str | Path, *nodes: str) -> dict[str, object]:
+    """Overrides for nodes from a ROS 2 parameter file: sections ``/**``, then ``/node`` or ``node`` of each, in order.
 
     Raises
     ------
     ParameterError
-        The file cannot be read or has no such shape.
+        The file cannot be read, has no such shape, or no section for these nodes.
     """
     try:
         content = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
@@ -251,7 +251,11 @@ def read_file(path: str | Path, node: str) -> dict[str, object]:
     if not isinstance(content, dict):
         raise ParameterError(f"parameter file {path} has no sections: begin with '/**: ros__parameters:'")
     overrides: dict[str, object] = {}
-    for section in ("/**", f"/{node}", node):
+    sections = ["/**", *(name for node in nodes for name in (f"/{node}", node))]
+    if not any(section in content for section in sections):
+        found = ", ".join(map(str, content))
+        raise ParameterError(f"parameter file {path} has sections {found}, but none of {', '.join(sections)}")
+    for section in sections:
         if section in content:
             body = content[section]
             if not isinstance(body, dict) or not isinstance(body.get("ros__parameters"), dict):

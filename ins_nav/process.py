@@ -139,9 +139,11 @@ def main(argv: Sequence[str] | None = None) -> int | None:
     args = _parser().parse_args(argv)
     overrides: dict[str, object] = {}
     for file in args.params_file:
-        overrides |= read_file(file, "ins_process")
+        overrides |= read_file(file, "ins_node", "ins_process")
     overrides |= dict(map(parse_assignment, args.param))
     navigator = Navigator(overrides)
+    if args.output.resolve() in (args.bag.resolve(), args.bag.resolve().parent):
+        raise InsNavError(f"{args.output}: is where the recording itself is; choose another name")
     damage = None
     with BagReader(args.bag) as reader:
         names = input_topics(reader, parse_remaps(args.remap))
@@ -154,6 +156,9 @@ def main(argv: Sequence[str] | None = None) -> int | None:
                     recorder.tick(raw.stamp_ns)
             except DamagedBagError as error:
                 damage = error
+            except KeyboardInterrupt:
+                print(f"ins_process: interrupted; {args.output} ends there", file=sys.stderr)
+                raise
             recorder.tick(reader.end_ns, last=True)
     stream = navigator.stream
     counts = "".join(f", {kind}: {count}" for kind, count in navigator.health.counts.items())
@@ -176,7 +181,9 @@ def _why(navigator: Navigator) -> str:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog="ins_process", description="Navigate over a recording; the result is a bag with the topics of ins_node."
+        prog="ins_process",
+        allow_abbrev=False,
+        description="Navigate over a recording; the result is a bag with the topics of ins_node.",
     )
     parser.add_argument("bag", type=Path, metavar="BAG", help="rosbag2 folder, .mcap or .db3 file")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="OUT", help="folder of the bag to write")
@@ -187,7 +194,13 @@ def _parser() -> argparse.ArgumentParser:
         "--param", action="append", default=[], metavar="NAME:=VALUE", help="set a parameter; may be repeated"
     )
     parser.add_argument(
-        "-m", "--remap", nargs="+", default=[], metavar="OLD:=NEW", help="read topic OLD as NEW (/imu/data_raw, ...)"
+        "-m",
+        "--remap",
+        nargs="+",
+        action="extend",
+        default=[],
+        metavar="OLD:=NEW",
+        help="read topic OLD as NEW (/imu/data_raw, ...)",
     )
     parser.add_argument("--overwrite", action="store_true", help="replace a bag that is there")
     return parser

@@ -37,7 +37,9 @@ def main(argv: Sequence[str] | None = None) -> int | None:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="ins_simulate", description="Make a bag with known truth from a scenario.")
+    parser = argparse.ArgumentParser(
+        prog="ins_simulate", allow_abbrev=False, description="Make a bag with known truth from a scenario."
+    )
     parser.add_argument("scenario", nargs="?", metavar="SCENARIO", help="name of a scenario, see --list")
     parser.add_argument("-o", "--output", type=Path, metavar="BAG", help="folder of the bag to write")
     parser.add_argument("--seed", type=int, default=0, help="of everything drawn (default: %(default)s)")

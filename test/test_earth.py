@@ -7,12 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.polynomial import legendre
-from pyins import earth as pyins_earth
-from pyproj import Transformer
 
 from ins_nav import earth
 
-GEODETIC_TO_ECEF = Transformer.from_crs("EPSG:4979", "EPSG:4978")
+pyins_earth = pytest.importorskip("pyins.earth")
+GEODETIC_TO_ECEF = pytest.importorskip("pyproj").Transformer.from_crs("EPSG:4979", "EPSG:4978")
 LATITUDES = st.floats(-90.0, 90.0)
 LONGITUDES = st.floats(-180.0, 180.0)
 HEIGHTS = st.floats(-11e3, 40e3)

@@ -202,4 +202,27 @@ def test_sigterm_ends_it_cleanly(tmp_path: Path) -> None:
     with Ros(tmp_path) as ros:
         ins = node(ros)
         ins.terminate()
-        assert ins.wait() == 0
+        assert ins.wait() == 0, ins.stderr
+
+
+def test_help_and_arguments_that_are_not_for_ros(tmp_path: Path) -> None:
+    with Ros(tmp_path) as ros:
+        asked = ros.start("ins_nav.nodes.ins_node", "--help")
+        assert asked.wait() == 0 and asked.stdout.startswith("usage: ins_node [--ros-args")
+        wrong = ros.start("ins_nav.nodes.ins_node", "-p", "initial.heading_deg:=90")
+        assert wrong.wait() == 1
+        assert wrong.stderr.strip() == ("ins_node: unknown argument '-p': parameters and remaps come after --ros-args")
+
+
+def test_silence_of_the_imu_is_an_error_in_diagnostics(drive: Path, tmp_path: Path) -> None:
+    with Ros(tmp_path) as ros:
+        ins, listener = node_and_listener(ros, DURATION)
+        play(ros, drive, "--rate", "10")
+
+        def status() -> tuple[bytes | int, str]:
+            last = listener.messages("/diagnostics")[-1].message.status[0]
+            return last.level, last.message
+
+        listener.wait_for(lambda: "no messages on imu/data_raw for" in status()[1])
+        assert status()[0] == 2
+        assert ins.stop() == 0

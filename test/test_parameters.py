@@ -212,3 +212,9 @@ def test_config_shows_every_parameter_at_its_default() -> None:
     assert list(shown) == [parameter.name for parameter in PARAMETERS]
     values, defaults = checked_values(shown), default_values()
     assert all(values[name] == default or values[name] != values[name] for name, default in defaults.items())
+
+
+def test_file_for_others_only_is_an_error(tmp_path: Path) -> None:
+    path = _file(tmp_path, "ins_nod:\n  ros__parameters:\n    alignment.duration: 30.0\n")
+    with pytest.raises(ParameterError, match="has sections ins_nod, but none of /\\*\\*, /ins_node, ins_node"):
+        read_file(path, "ins_node")

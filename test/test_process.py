@@ -149,3 +149,10 @@ def test_no_position_says_so(tmp_path: Path, capfd: pytest.CaptureFixture[str]) 
     assert main([str(bag), "-o", str(tmp_path / "out"), "--param", "alignment.duration:=5"]) == 1
     said = capfd.readouterr().err
     assert "alignment has its data but no position" in said and "the bag has no valid gnss/fix" in said
+
+
+def test_recording_is_never_overwritten_by_its_result(drive: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    before = sorted(drive.iterdir())
+    assert main([str(drive), "-o", str(drive), "--overwrite", *START]) == 1
+    assert "is where the recording itself is" in capsys.readouterr().err
+    assert sorted(drive.iterdir()) == before

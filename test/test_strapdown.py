@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pyins import sim, transform
 from scipy.spatial.transform import Rotation
 
 from ins_nav import attitude, earth, strapdown
 from ins_nav.simulation.motion import Motion, constant, sinusoid
 from ins_nav.simulation.trajectory import EarthMotion, Origin
 
+sim, transform = pytest.importorskip("pyins.sim"), pytest.importorskip("pyins.transform")
 FLU = np.diag([1.0, -1.0, -1.0])  # forward, right, down to forward, left, up and back
 ENU = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])  # north, east, down to east, north, up
 DEG_PER_HOUR = math.radians(1.0) / 3600.0

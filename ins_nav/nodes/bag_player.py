@@ -298,14 +298,18 @@ def _not_negative(text: str) -> float:
 
 
 def _options(args: list[str]) -> argparse.Namespace:
-    parser = _Parser(prog="bag_player", description="Play a rosbag2 recording. SPACE pauses and resumes.")
+    parser = _Parser(
+        prog="bag_player", allow_abbrev=False, description="Play a rosbag2 recording. SPACE pauses and resumes."
+    )
     parser.add_argument("bag", help="rosbag2 folder, or a .mcap or .db3 file")
     parser.add_argument("-r", "--rate", type=_positive, default=1.0, help="bag seconds a second (default 1)")
     parser.add_argument("--start-offset", type=_not_negative, default=0.0, metavar="S", help="begin S seconds in")
     parser.add_argument("-l", "--loop", action="store_true", help="begin again at the end")
     parser.add_argument("-p", "--start-paused", action="store_true", help="wait for SPACE or the service ~/resume")
-    parser.add_argument("--topics", nargs="+", metavar="TOPIC", help="play these only")
-    parser.add_argument("-m", "--remap", nargs="+", default=[], metavar="OLD:=NEW", help="publish under other names")
+    parser.add_argument("--topics", nargs="+", action="extend", metavar="TOPIC", help="play these only")
+    parser.add_argument(
+        "-m", "--remap", nargs="+", action="extend", default=[], metavar="OLD:=NEW", help="publish under other names"
+    )
     parser.add_argument(
         "--clock", nargs="?", type=_positive, const=40.0, metavar="HZ", help="publish bag time on /clock (default 40)"
     )

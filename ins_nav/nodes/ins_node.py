@@ -5,6 +5,7 @@ translator: `ins_nav.navigator.Navigator` does the work.
 """
 
 import sys
+import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -63,6 +64,7 @@ class InsNode(Node):
         )
         self.create_service(Trigger, "~/align", self._on_align)
         self.create_timer(1.0, self._on_timer)
+        self._heard = (0, time.monotonic())
         self._publish_bias()
         self.get_logger().info("waiting for imu/data_raw")
 
@@ -107,6 +109,8 @@ class InsNode(Node):
     def _publish_bias(self) -> None:
         message = Imu()
         messages.fill_bias(message, self._navigator, self._base_link)
+        if self._navigator.stamp_ns == 0:  # before the first sample
+            message.header.stamp = self.get_clock().now().to_msg()
         self._bias.publish(message)
 
     def _on_fix(self, message: NavSatFix) -> None:
@@ -129,7 +133,11 @@ class InsNode(Node):
 
     def _on_timer(self) -> None:
         self._log()
-        level, text, values = messages.diagnostics(self._navigator)
+        received = self._navigator.stream.received
+        now = time.monotonic()
+        if received != self._heard[0]:
+            self._heard = (received, now)
+        level, text, values = messages.diagnostics(self._navigator, now - self._heard[1])
         status = DiagnosticStatus(
             level=_LEVELS[level],
             name=f"{self.get_fully_qualified_name()}: navigation",
@@ -145,7 +153,8 @@ class InsNode(Node):
 @for_people("ins_node")
 def main(args: list[str] | None = None) -> None:
     """Run the node until SIGINT or SIGTERM."""
-    runtime.init(args)
+    if runtime.wants_no_node(runtime.init(args), "ins_node", __doc__):
+        return
     runtime.spin(InsNode())
 
 

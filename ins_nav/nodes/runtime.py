@@ -40,6 +40,24 @@ def init(args: list[str] | None = None, signals: SignalHandlerOptions = SignalHa
     return rest
 
 
+def wants_no_node(arguments: list[str], program: str, text: str | None) -> bool:
+    """Whether help was asked for, and given; a node takes no arguments but ROS's.
+
+    Raises
+    ------
+    InsNavError
+        There are arguments.
+    """
+    if not arguments:
+        return False
+    if arguments[0] in ("-h", "--help"):
+        print(
+            f"usage: {program} [--ros-args --params-file FILE -p NAME:=VALUE -r OLD:=NEW ...]\n\n{(text or '').strip()}"
+        )
+        return True
+    raise InsNavError(f"unknown argument {arguments[0]!r}: parameters and remaps come after --ros-args")
+
+
 def spin(*nodes: Node) -> None:
     """Serve the nodes until SIGINT, SIGTERM or shutdown; then destroy them and shut rclpy down."""
     try:
@@ -51,6 +69,9 @@ def spin(*nodes: Node) -> None:
             executor.spin_until_future_complete(Future(), 0.5)
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
+    except RuntimeError:  # rclpy's errors: a signal that came between two of its calls has ended the context
+        if rclpy.ok():
+            raise
     finally:
         for node in nodes:
             node.destroy_node()

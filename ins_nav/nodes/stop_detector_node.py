@@ -173,7 +173,8 @@ class StopDetectorNode(Node):
 @for_people("stop_detector_node")
 def main(args: list[str] | None = None) -> None:
     """Run the node until SIGINT or SIGTERM."""
-    runtime.init(args)
+    if runtime.wants_no_node(runtime.init(args), "stop_detector_node", __doc__):
+        return
     runtime.spin(StopDetectorNode())
 
 
