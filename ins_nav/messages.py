@@ -13,6 +13,8 @@ from ins_nav.health import ERROR, INFO, Health
 from ins_nav.navigator import Navigator, Phase
 
 _NS = 1_000_000_000
+SILENCE = 2.0
+"""s without a message on imu/data_raw that is an error: 20 intervals of the slowest IMU."""
 _BIAS_UNIT = math.degrees(1.0) * 3600.0
 
 
@@ -138,6 +140,11 @@ def fill_bias(message: Any, navigator: Navigator, base_link_frame: str) -> None:
         message.linear_acceleration_covariance[4 * i] = navigator.accel_bias_stddev**2
 
 
+def silence(seconds: float) -> str:
+    """What to say when imu/data_raw has been silent for so many seconds."""
+    return f"no messages on imu/data_raw for {seconds:.0f} s: is the driver running?"
+
+
 def diagnostics(navigator: Navigator, silent_for: float = 0.0) -> tuple[int, str, dict[str, str]]:
     """Level (0 OK, 1 warning, 2 error), one line, and the values of a diagnostic status.
 
@@ -171,8 +178,8 @@ def _summary(navigator: Navigator, health: Health, silent_for: float) -> tuple[i
         return 1, "no messages on imu/data_raw yet"
     if navigator.stream.accepted == 0:
         return 2, "every message on imu/data_raw was rejected: see the counts"
-    if silent_for >= 2.0:
-        return 2, f"no messages on imu/data_raw for {silent_for:.0f} s: is the driver running?"
+    if silent_for >= SILENCE:
+        return 2, silence(silent_for)
     recent = [report for report in health.recent(navigator.stamp_ns) if report.level != INFO]
     if recent:
         level = 2 if any(report.level == ERROR for report in recent) else 1

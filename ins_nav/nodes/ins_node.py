@@ -5,10 +5,8 @@ translator: `ins_nav.navigator.Navigator` does the work.
 """
 
 import sys
-import time
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import TransformStamped
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
@@ -19,14 +17,13 @@ from std_srvs.srv import Trigger
 
 from ins_nav import messages
 from ins_nav.errors import InsNavError, for_people
-from ins_nav.health import INFO, WARN
 from ins_nav.navigator import Navigator
 from ins_nav.nodes import parameters, runtime
+from ins_nav.nodes.reporting import Reporter
 
 _IMU_DEPTH = 2000
 """5 s at 400 Hz: the node is busy for some tenths of a second when it solves the alignment."""
 _OUT_DEPTH = 200
-_LEVELS = (DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR)
 
 
 def _qos(depth: int, reliability: ReliabilityPolicy, latched: bool = False) -> QoSProfile:
@@ -53,7 +50,7 @@ class InsNode(Node):
         self._imu = self.create_publisher(Imu, "imu/data", _qos(_OUT_DEPTH, reliable))
         self._fix = self.create_publisher(NavSatFix, "fix", _qos(_OUT_DEPTH, reliable))
         self._bias = self.create_publisher(Imu, "imu/bias", _qos(1, reliable, latched=True))
-        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self._reporter = Reporter(self, "navigation")
         self._tf = self._transform_publisher() if values["publish.tf"] else None
         overriding = QoSOverridingOptions.with_default_policies()
         self.create_subscription(
@@ -64,7 +61,6 @@ class InsNode(Node):
         )
         self.create_service(Trigger, "~/align", self._on_align)
         self.create_timer(1.0, self._on_timer)
-        self._heard = (0, time.monotonic())
         self._publish_bias()
         self.get_logger().info("waiting for imu/data_raw")
 
@@ -122,32 +118,12 @@ class InsNode(Node):
         return response
 
     def _log(self) -> None:
-        logger = self.get_logger()
-        for report in self._navigator.health.drain():
-            if report.level == INFO:  # rclpy wants one severity a place in the source
-                logger.info(report.text)
-            elif report.level == WARN:
-                logger.warning(report.text)
-            else:
-                logger.error(report.text)
+        self._reporter.log(self._navigator.health)
 
     def _on_timer(self) -> None:
         self._log()
-        received = self._navigator.stream.received
-        now = time.monotonic()
-        if received != self._heard[0]:
-            self._heard = (received, now)
-        level, text, values = messages.diagnostics(self._navigator, now - self._heard[1])
-        status = DiagnosticStatus(
-            level=_LEVELS[level],
-            name=f"{self.get_fully_qualified_name()}: navigation",
-            message=text,
-            hardware_id="imu",
-            values=[KeyValue(key=key, value=value) for key, value in values.items()],
-        )
-        array = DiagnosticArray(status=[status])
-        array.header.stamp = self.get_clock().now().to_msg()
-        self._diagnostics.publish(array)
+        silent_for = self._reporter.silent_for(self._navigator.stream.received)
+        self._reporter.publish(*messages.diagnostics(self._navigator, silent_for))
 
 
 @for_people("ins_node")

@@ -8,7 +8,6 @@ import math
 import sys
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
@@ -17,10 +16,11 @@ from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
 from ins_nav.errors import for_people
-from ins_nav.health import INFO, WARN, Health
+from ins_nav.health import Health
 from ins_nav.imu_stream import ImuStream
-from ins_nav.messages import stamp_of
+from ins_nav.messages import SILENCE, silence, stamp_of
 from ins_nav.nodes import parameters, runtime
+from ins_nav.nodes.reporting import Reporter
 from ins_nav.stop_detection import Change, StopDetector, StopLimits
 from ins_nav.stop_policy import StopPolicy
 
@@ -60,7 +60,7 @@ class StopDetectorNode(Node):
             durability=DurabilityPolicy.TRANSIENT_LOCAL,
         )
         self._stopped = self.create_publisher(Bool, "stopped", latched)
-        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self._reporter = Reporter(self, "stops")
         self.create_subscription(
             Imu,
             "imu/data_raw",
@@ -122,14 +122,7 @@ class StopDetectorNode(Node):
         self.get_logger().info(self._answer)
 
     def _log(self) -> None:
-        logger = self.get_logger()
-        for report in self._health.drain():
-            if report.level == INFO:  # rclpy wants one severity a place in the source
-                logger.info(report.text)
-            elif report.level == WARN:
-                logger.warning(report.text)
-            else:
-                logger.error(report.text)
+        self._reporter.log(self._health)
 
     def _on_timer(self) -> None:
         self._log()
@@ -149,25 +142,19 @@ class StopDetectorNode(Node):
             "imu/data_raw received": str(stream.received),
             "imu/data_raw used": str(stream.accepted),
         } | {kind: str(count) for kind, count in counts.items()}
-        level, text = DiagnosticStatus.OK, "stopped" if detector.stopped else "moving"
+        level, text = 0, "stopped" if detector.stopped else "moving"
+        silent_for = self._reporter.silent_for(stream.received)
         if not stream.received:
-            level, text = DiagnosticStatus.WARN, "no messages on imu/data_raw yet"
+            level, text = 1, "no messages on imu/data_raw yet"
         elif not stream.accepted:
-            level, text = DiagnosticStatus.ERROR, "every message on imu/data_raw was rejected: see the counts"
+            level, text = 2, "every message on imu/data_raw was rejected: see the counts"
+        elif silent_for >= SILENCE:
+            level, text = 2, silence(silent_for)
         elif self._missing:
-            level, text = DiagnosticStatus.WARN, f"{text}; no service of ins_node to call"
+            level, text = 1, f"{text}; no service of ins_node to call"
         elif counts:
-            level, text = DiagnosticStatus.WARN, f"{text}; {', '.join(f'{kind}: {n}' for kind, n in counts.items())}"
-        status = DiagnosticStatus(
-            level=level,
-            name=f"{self.get_fully_qualified_name()}: stops",
-            message=text,
-            hardware_id="imu",
-            values=[KeyValue(key=key, value=value) for key, value in values.items()],
-        )
-        array = DiagnosticArray(status=[status])
-        array.header.stamp = self.get_clock().now().to_msg()
-        self._diagnostics.publish(array)
+            level, text = 1, f"{text}; {', '.join(f'{kind}: {n}' for kind, n in counts.items())}"
+        self._reporter.publish(level, text, values)
 
 
 @for_people("stop_detector_node")

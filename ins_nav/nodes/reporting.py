@@ -1,0 +1,58 @@
+"""How a node tells how it is: log lines from the core's `Health`, a status a second on ``/diagnostics``."""
+
+import time
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.node import Node
+
+from ins_nav.health import INFO, WARN, Health
+
+_LEVELS = (DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR)
+
+
+class Reporter:
+    """Log and diagnostics of a node.
+
+    Parameters
+    ----------
+    node : Node
+    subject : str
+        Second part of the status' name, after that of the node.
+    """
+
+    def __init__(self, node: Node, subject: str) -> None:
+        self._node = node
+        self._name = f"{node.get_fully_qualified_name()}: {subject}"
+        self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self._heard = (0, time.monotonic())
+
+    def log(self, health: Health) -> None:
+        """Log what the core has to tell."""
+        logger = self._node.get_logger()
+        for report in health.drain():
+            if report.level == INFO:  # rclpy wants one severity a place in the source
+                logger.info(report.text)
+            elif report.level == WARN:
+                logger.warning(report.text)
+            else:
+                logger.error(report.text)
+
+    def silent_for(self, received: int) -> float:
+        """Time, s, since this count of messages was first seen; to be asked regularly."""
+        now = time.monotonic()
+        if received != self._heard[0]:
+            self._heard = (received, now)
+        return now - self._heard[1]
+
+    def publish(self, level: int, text: str, values: dict[str, str]) -> None:
+        """Publish the status: level 0 OK, 1 warning, 2 error."""
+        status = DiagnosticStatus(
+            level=_LEVELS[level],
+            name=self._name,
+            message=text,
+            hardware_id="imu",
+            values=[KeyValue(key=key, value=value) for key, value in values.items()],
+        )
+        array = DiagnosticArray(status=[status])
+        array.header.stamp = self._node.get_clock().now().to_msg()
+        self._publisher.publish(array)
