@@ -58,6 +58,7 @@ setup(
             "ins_process = ins_nav.process:main",
             "ins_report = ins_nav.report.cli:main",
             "ins_simulate = ins_nav.simulate:main",
+            "ins_system = ins_nav.nodes.ins_system:main",
             "stop_detector_node = ins_nav.nodes.stop_detector_node:main",
         ],
     },

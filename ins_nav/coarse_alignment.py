@@ -62,6 +62,8 @@ class Alignment:
         Measured specific force over normal gravity.
     rate_error : float
         Horizontal rate found less that of the Earth at this latitude, rad/s: the north gyro's bias when all is well.
+    gyro_noise : float
+        White noise of an axis, rad/√s.
     """
 
     q_gb: Quaternion
@@ -70,6 +72,7 @@ class Alignment:
     velocity_stddev: float
     gravity_ratio: float
     rate_error: float
+    gyro_noise: float
 
     @property
     def heading_stddev(self) -> float:
@@ -89,12 +92,17 @@ class CoarseAlignment:
         heading, the accelerometers' into level. Added to the covariance.
     max_speed : float
         A base whose velocity, less what rocking explains, goes beyond this has moved off, m/s.
+
+    Attributes
+    ----------
+    cone : GravityCone
+        The data gathered.
     """
 
     def __init__(
         self, duration: float, gyro_bias_stddev: float = 0.0, accel_bias_stddev: float = 0.0, max_speed: float = 2.0
     ) -> None:
-        self._cone = GravityCone(duration)
+        self.cone = GravityCone(duration)
         self._gyro_bias_stddev = gyro_bias_stddev
         self._accel_bias_stddev = accel_bias_stddev
         self._max_speed = max_speed
@@ -102,7 +110,7 @@ class CoarseAlignment:
     @property
     def time(self) -> float:
         """Length of the data gathered, s."""
-        return self._cone.time
+        return self.cone.time
 
     def add(self, previous: Sample, sample: Sample, instantaneous: bool) -> None:
         """Take one sample; ``previous`` is the one before, as in `ins_nav.strapdown.step`.
@@ -114,8 +122,8 @@ class CoarseAlignment:
         AlignmentError
             When specific force is not that of an IMU at rest in m/s².
         """
-        if self._cone.add(previous, sample, instantaneous):
-            self._check(self._cone.blocks())
+        if self.cone.add(previous, sample, instantaneous):
+            self._check(self.cone.blocks())
 
     def _check(self, blocks: Blocks) -> None:
         """Raise when this is not an IMU at rest or rocking."""
@@ -131,16 +139,16 @@ class CoarseAlignment:
             if self._gyro_in_degrees(speed):
                 raise AlignmentError(_DEGREES)
             raise MovedError(
-                f"the base moved off after {self._cone.time:.1f} s (speed {speed:.1f} m/s, limit "
+                f"the base moved off after {self.cone.time:.1f} s (speed {speed:.1f} m/s, limit "
                 f"alignment.max_speed {self._max_speed:g}): stand still, or rock without travelling"
             )
 
     def _check_turning(self, gravity: float, normal: float) -> None:
         """Raise when specific force has the right size, but the gyros do not carry its direction."""
-        size = self._cone.mean_size()
+        size = self.cone.mean_size()
         if abs(size - normal) > _GRAVITY_TOLERANCE or size - gravity < _GRAVITY_TOLERANCE:
             return
-        if self._gyro_in_degrees(self._cone.blocks().seeming_speed()):
+        if self._gyro_in_degrees(self.cone.blocks().seeming_speed()):
             raise AlignmentError(_DEGREES)
         raise AlignmentError(
             "angular velocity does not turn with the direction of specific force: "
@@ -149,9 +157,9 @@ class CoarseAlignment:
 
     def _gyro_in_degrees(self, speed: float) -> bool:
         """Whether the same data makes far better sense with the gyros' output taken as degrees per second."""
-        if not self._cone.complete:
+        if not self.cone.complete:
             return False  # it agreed long enough with radians
-        return self._cone.in_degrees().seeming_speed() < 0.1 * speed
+        return self.cone.in_degrees().seeming_speed() < 0.1 * speed
 
     def solve(self, lat: float, height: float, heading: float | None = None, heading_stddev: float = 0.0) -> Alignment:
         """Attitude at the last sample.
@@ -168,12 +176,12 @@ class CoarseAlignment:
         AlignmentError
             Too little data, a latitude too near the pole, specific force or rates that are not an IMU's.
         """
-        if len(self._cone) < _MIN_BLOCKS:
+        if len(self.cone) < _MIN_BLOCKS:
             raise AlignmentError(
-                f"{self._cone.time:.2f} s with {len(self._cone)} samples or blocks of them, {_MIN_BLOCKS} are needed: "
+                f"{self.cone.time:.2f} s with {len(self.cone)} samples or blocks of them, {_MIN_BLOCKS} are needed: "
                 "align for longer"
             )
-        blocks = self._cone.blocks()
+        blocks = self.cone.blocks()
         self._check(blocks)
         mean_cone = cone_path(lat, blocks.time).mean(axis=0)  # the mean of directions is shorter than they are
         gravity = float(np.linalg.norm(blocks.force.mean(axis=0)) / np.linalg.norm(mean_cone))
@@ -191,7 +199,7 @@ class CoarseAlignment:
             )
 
         rot_b0g0 = _first_guess(blocks)
-        limits = self._cone.noise_limits(gravity)
+        limits = self.cone.noise_limits(gravity)
         noise = None
         for _ in range(4):
             series = (blocks.force @ rot_b0g0 / gravity - cone_path(lat, blocks.time))[:, :2]
@@ -208,10 +216,10 @@ class CoarseAlignment:
         found_rate = float(horizontal_rate + fit.slope[0])
 
         # Attitude now: the vertical where it is at the end, not where the fit had it at the start
-        rot_g0b = (Rotation.from_quat(self._cone.q_b0b).inv() * Rotation.from_matrix(rot_b0g0)).inv()
+        rot_g0b = (Rotation.from_quat(self.cone.q_b0b).inv() * Rotation.from_matrix(rot_b0g0)).inv()
         tilt = Rotation.from_rotvec([-fit.end[1], fit.end[0], 0.0]).inv()
         axis = np.array([0.0, math.cos(lat), math.sin(lat)])
-        rot_gb = Rotation.from_rotvec(-RATE * self._cone.time * axis) * tilt * rot_g0b
+        rot_gb = Rotation.from_rotvec(-RATE * self.cone.time * axis) * tilt * rot_g0b
 
         covariance = self._covariance(fit, gravity, lat, found_rate if heading is None else math.inf)
         if heading is None:
@@ -231,6 +239,7 @@ class CoarseAlignment:
             speed_stddev,
             gravity / normal,
             found_rate - horizontal_rate,
+            math.sqrt(float(limits[1])),
         )
 
     def _covariance(self, fit: TrendFit, gravity: float, lat: float, rate: float) -> NDArray[np.float64]:
@@ -248,7 +257,7 @@ class CoarseAlignment:
         """
         stddev = math.sqrt(fit.slope_variance + self._gyro_bias_stddev**2)
         error = float(np.hypot(*fit.slope)) - 2.0 * horizontal_rate  # the axes' azimuth is not that of the cone here
-        return 0.5 * self._cone.time * error if error > 3.0 * stddev else 0.0
+        return 0.5 * self.cone.time * error if error > 3.0 * stddev else 0.0
 
     def _check_rate(
         self, fit: TrendFit, found: float, expected: float, lat: float, covariance: NDArray[np.float64]
@@ -259,7 +268,7 @@ class CoarseAlignment:
             f"gravity turns at {degrees_per_hour:.2f} °/h, the Earth at latitude {math.degrees(lat):.2f}° "
             f"at {math.degrees(expected) * 3600.0:.2f} °/h"
         )
-        up_rate, expected_up = self._cone.vertical_rate(), RATE * math.sin(lat)
+        up_rate, expected_up = self.cone.vertical_rate(), RATE * math.sin(lat)
         in_degrees = math.hypot(math.radians(found) - expected, math.radians(up_rate) - expected_up)
         if in_degrees < _DEGREES_TOLERANCE * RATE:
             raise AlignmentError(f"{text}: angular velocity is in degrees per second, publish it in rad/s")
@@ -291,9 +300,9 @@ class CoarseAlignment:
         """Velocity at the end of a base that surges and heaves but goes nowhere: its mean over the time is zero."""
         residual = gravity * deviation
         residual[:, :2] -= gravity * noise.walk_part(deviation[:, :2], fit)
-        rest = self._cone.rest_time
-        vertical_now = cone_path(lat, np.array([self._cone.time - 0.5 * rest]))[0] + [*fit.end, 0.0]
-        since = np.array(self._cone.rest) @ rot_b0g0 - gravity * rest * vertical_now
+        rest = self.cone.rest_time
+        vertical_now = cone_path(lat, np.array([self.cone.time - 0.5 * rest]))[0] + [*fit.end, 0.0]
+        since = np.array(self.cone.rest) @ rot_b0g0 - gravity * rest * vertical_now
         velocity = np.cumsum(residual, axis=0) * blocks.length
         drift = np.vander(blocks.time / blocks.total, 3)  # what slow errors of the accelerometers leave
         velocity -= drift @ np.linalg.lstsq(drift, velocity, rcond=None)[0]
@@ -301,7 +310,7 @@ class CoarseAlignment:
         moving = rms > _REST_SPEED
         last = np.where(moving, velocity[-1] + since, 0.0)
         stddev = float(np.where(moving, 0.5 * rms, 0.2 * _REST_SPEED).max())
-        east, north, vertical = Rotation.from_rotvec([0.0, 0.0, -RATE * self._cone.time]).apply(last)
+        east, north, vertical = Rotation.from_rotvec([0.0, 0.0, -RATE * self.cone.time]).apply(last)
         return (float(east), float(north), float(vertical)), stddev
 
 

@@ -155,9 +155,9 @@ class GravityCone:
         self._blocks = [tuple(block) for block in joined.tolist()]
         self._block_length *= 2.0
 
-    def blocks(self) -> Blocks:
-        """The complete blocks so far; at least one."""
-        blocks = np.array(self._blocks)
+    def blocks(self, until: float = math.inf) -> Blocks:
+        """The complete blocks so far, at least one; none that ends later than ``until``, s from the start."""
+        blocks = np.array([block for block in self._blocks if block[0] + 0.5 * block[1] <= until])
         return Blocks(blocks[:, 0], blocks[:, 2:5], blocks[:, 5:], float(blocks[:, 1].mean()), self.time)
 
     def noise_limits(self, gravity: float) -> Array:

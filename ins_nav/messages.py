@@ -61,7 +61,7 @@ class SolutionMessages:
     Attributes
     ----------
     first : bool
-        Whether the solution that is `due` is the first after an alignment.
+        Whether the solution that is `due` is the first after an alignment or a ZUPT.
     """
 
     def __init__(self, odometry: Any, imu: Any, fix: Any, navigator: Navigator) -> None:
@@ -70,12 +70,12 @@ class SolutionMessages:
         self.fix = fix
         self.first = False
         self._navigator = navigator
-        self._alignments = 0
-        rate = float(navigator.parameter("publish.rate"))  # type: ignore[arg-type]
+        self._changes = 0
+        rate = float(navigator.parameters["publish.rate"])  # type: ignore[arg-type]
         self._period_ns = round(_NS / rate) if rate else 0
         self._next_ns = 0
-        base_link = str(navigator.parameter("base_link_frame"))
-        odometry.header.frame_id = str(navigator.parameter("map_frame"))
+        base_link = str(navigator.parameters["base_link_frame"])
+        odometry.header.frame_id = str(navigator.parameters["map_frame"])
         odometry.child_frame_id = base_link
         imu.header.frame_id = base_link
         fix.header.frame_id = base_link
@@ -84,9 +84,9 @@ class SolutionMessages:
 
     def due(self) -> bool:
         """Whether the navigator's new solution is to be published; call it once for each."""
-        self.first = self._navigator.alignments != self._alignments
+        self.first = self._navigator.changes != self._changes
         if self.first:
-            self._alignments = self._navigator.alignments
+            self._changes = self._navigator.changes
             self._next_ns = 0
         stamp_ns = self._navigator.stamp_ns
         if stamp_ns < self._next_ns:
@@ -119,7 +119,7 @@ class SolutionMessages:
         self.fix.altitude = where.height
 
     def _fill_covariances(self) -> None:
-        """Attitude as the alignment left it; position and velocity stay zero, which in ROS means unknown."""
+        """Attitude as the alignment or a ZUPT left it; position and velocity stay zero, which in ROS means unknown."""
         attitude = self._navigator.attitude_covariance
         self.imu.orientation_covariance[:] = attitude.ravel()
         pose = self.odometry.pose.covariance
@@ -135,8 +135,8 @@ def fill_bias(message: Any, navigator: Navigator, base_link_frame: str) -> None:
     message.orientation_covariance[0] = -1.0
     _set_vector(message.angular_velocity, navigator.gyro_bias)
     _set_vector(message.linear_acceleration, navigator.accel_bias)
+    message.angular_velocity_covariance[:] = navigator.gyro_bias_covariance.ravel()
     for i in range(3):
-        message.angular_velocity_covariance[4 * i] = navigator.gyro_bias_stddev**2
         message.linear_acceleration_covariance[4 * i] = navigator.accel_bias_stddev**2
 
 
@@ -166,8 +166,16 @@ def diagnostics(navigator: Navigator, silent_for: float = 0.0) -> tuple[int, str
     }
     if navigator.phase is Phase.NAVIGATING:
         sigma = [math.degrees(math.sqrt(navigator.attitude_covariance[i, i])) for i in range(3)]
-        values["level sigma at alignment"] = f"{max(sigma[:2]):.5f} deg"
-        values["heading sigma at alignment"] = f"{sigma[2]:.4f} deg"
+        stops = navigator.stops
+        values |= {
+            "level sigma at the last alignment or ZUPT": f"{max(sigma[:2]):.5f} deg",
+            "heading sigma at the last alignment or ZUPT": f"{sigma[2]:.4f} deg",
+            "stopped": str(stops.detector.stopped).lower(),
+            "stops with zero velocity": str(stops.held),
+            "velocity error at the last stop": f"{stops.velocity_error:.3f} m/s",
+            "stops doubted": str(stops.doubted),
+            "ZUPT calibrations": str(stops.calibrations),
+        }
     values |= {kind: str(count) for kind, count in health.counts.items()}
     level, text = _summary(navigator, health, silent_for)
     return level, text, values

@@ -15,11 +15,13 @@ from scipy.spatial.transform import Rotation
 from ins_nav import attitude, strapdown
 from ins_nav.coarse_alignment import Alignment, AlignmentError, CoarseAlignment
 from ins_nav.health import ERROR, INFO, WARN, Health
+from ins_nav.history import History
 from ins_nav.imu_stream import ImuStream
-from ins_nav.parameters import Value, checked_values
+from ins_nav.parameters import checked_values
+from ins_nav.stops import MILLI_G, Correction, Stops
+from ins_nav.zupt import ZuptError
 
 _DEG_PER_HOUR = math.radians(1.0) / 3600.0
-_MILLI_G = 9.80665e-3
 _COARSE_GAP = 0.1
 """s: a longer gap loses the attitude of a rocking base: coarse alignment begins again."""
 
@@ -42,6 +44,8 @@ class Navigator:
 
     Attributes
     ----------
+    parameters : dict
+        Values in use.
     phase : Phase
     stamp_ns : int
         Of the last sample taken.
@@ -51,14 +55,19 @@ class Navigator:
         Of the last sample, on base_link's axes, biases removed; rad/s, m/s².
     gyro_bias, accel_bias : 3 floats
         In use, rad/s and m/s².
+    gyro_bias_covariance : ndarray, shape (3, 3)
+        As alignment found it or the last ZUPT left it, rad²/s².
     attitude_covariance : ndarray, shape (3, 3)
-        On east, north, up, at the end of alignment, rad².
-    alignments : int
-        How many there have been.
+        On east, north, up, at the end of alignment or the last ZUPT, rad².
+    changes : int
+        How many alignments and calibrations there have been.
+    restarts : int
+        How often the stamps have jumped.
     map : MapFrame or None
         East-north-up at the place of the first alignment since the start or the last restart.
     health : Health
     stream : ImuStream
+    stops : Stops
 
     Raises
     ------
@@ -66,8 +75,7 @@ class Navigator:
     """
 
     def __init__(self, overrides: Mapping[str, object] | None = None) -> None:
-        values = checked_values(overrides or {})
-        self._values = values
+        self.parameters = values = checked_values(overrides or {})
         self.health = Health()
         self.stream = ImuStream(
             self.health,
@@ -81,9 +89,9 @@ class Navigator:
         mounting = Rotation.from_euler("ZYX", self._vector("imu.mounting_rpy_deg")[::-1], degrees=True)
         self._q_mounting = tuple(map(float, mounting.as_quat())) if mounting.magnitude() > 0.0 else None
         self.gyro_bias = tuple(x * _DEG_PER_HOUR for x in self._vector("imu.gyro_bias_deg_per_hour"))
-        self.accel_bias = tuple(x * _MILLI_G for x in self._vector("imu.accel_bias_mg"))
+        self.accel_bias = tuple(x * MILLI_G for x in self._vector("imu.accel_bias_mg"))
         self.gyro_bias_stddev = self._number("imu.gyro_bias_stddev_deg_per_hour") * _DEG_PER_HOUR
-        self.accel_bias_stddev = self._number("imu.accel_bias_stddev_mg") * _MILLI_G
+        self.accel_bias_stddev = self._number("imu.accel_bias_stddev_mg") * MILLI_G
         heading = self._number("initial.heading_deg")
         self._heading = None if math.isnan(heading) else math.radians(heading)
         self._heading_stddev = math.radians(self._number("initial.heading_stddev_deg"))
@@ -91,18 +99,17 @@ class Navigator:
         self.angular_velocity = (0.0, 0.0, 0.0)
         self.specific_force = (0.0, 0.0, 0.0)
         self.stamp_ns = 0
-        self.alignments = 0
+        self.changes = self.restarts = 0
+        self.stops = Stops(values)
+        self._history = History(self._instantaneous, self._vertical)
+        self._given_gyro_bias = self.gyro_bias
         self._begin()
 
     def _number(self, name: str) -> float:
-        return float(self._values[name])  # type: ignore[arg-type]
+        return float(self.parameters[name])  # type: ignore[arg-type]
 
     def _vector(self, name: str) -> list[float]:
-        return list(self._values[name])  # type: ignore[arg-type]
-
-    def parameter(self, name: str) -> Value:
-        """Value in use of a parameter."""
-        return self._values[name]
+        return list(self.parameters[name])  # type: ignore[arg-type]
 
     def _begin(self) -> None:
         """Before the first sample, and after a restart."""
@@ -111,6 +118,10 @@ class Navigator:
         self.map: strapdown.MapFrame | None = None
         self.attitude_covariance: NDArray[np.float64] = np.zeros((3, 3))
         self._previous: strapdown.Sample | None = None
+        self._raw: strapdown.Sample = (0.0,) * 7
+        self.gyro_bias = self._given_gyro_bias
+        self.gyro_bias_covariance: NDArray[np.float64] = np.eye(3) * self.gyro_bias_stddev**2
+        self.stops.restart()
         self._position: tuple[float, float, float] | None = None
         latitude = self._number("initial.latitude_deg")
         if not math.isnan(latitude):
@@ -120,6 +131,8 @@ class Navigator:
         self._moved_since_fix = False
 
     def _align(self) -> None:
+        self.stops.forget()
+        self._history.clear()
         self._alignment = CoarseAlignment(
             self._duration, self.gyro_bias_stddev, self.accel_bias_stddev, self._number("alignment.max_speed")
         )
@@ -134,6 +147,47 @@ class Navigator:
         self.phase = Phase.COARSE if self._previous is not None else Phase.WAITING
         self._align()
         return f"alignment started: stand still, or rock without travelling, for {self._duration:g} s"
+
+    def zupt1(self) -> tuple[bool, str]:
+        """First call at rest: keeps this position; second, at rest after a turn: drifts and azimuth are corrected.
+
+        Returns
+        -------
+        bool
+            Whether it was done.
+        str
+            What was found, or why not and what to do.
+        """
+        return self._calibrate("zupt1")
+
+    def zupt2(self) -> tuple[bool, str]:
+        """At rest: drifts are corrected, the azimuth trusted; results as of `zupt1`."""
+        return self._calibrate("zupt2")
+
+    def _calibrate(self, name: str) -> tuple[bool, str]:
+        if self.state is None:
+            text = f"no navigation solution yet: {self.phase.value}, {100.0 * self.progress:.0f} % of alignment done"
+            return False, f"{name}: {text}; call again when navigating"
+        service = self.stops.zupt1 if name == "zupt1" else self.stops.zupt2
+        try:
+            text, correction = service(self._history, self.gyro_bias)  # type: ignore[arg-type]
+        except ZuptError as error:
+            self.health.note(f"{name} refused", INFO, f"{name} refused: {error}", self.stamp_ns)
+            return False, f"{name} refused: {error}"
+        if correction is not None:
+            self._correct(correction)
+            level = max(self.stops.level_variance, 0.0)
+            self.attitude_covariance = np.diag([level, level, self.stops.covariance[3, 3]])
+            self.gyro_bias_covariance = self.stops.covariance[:3, :3].copy()
+            self.changes += 1
+        self.health.tell(INFO, f"{name}: {text}")
+        return True, f"{name}: {text}"
+
+    def _correct(self, correction: Correction) -> None:
+        """Go on from a state of the past."""
+        self.gyro_bias = correction.gyro_bias
+        self.state = self._history.rerun(correction.stamp_ns, correction.state, self._without_bias)
+        self._previous = self._without_bias(self._raw)
 
     @property
     def progress(self) -> float:
@@ -185,37 +239,50 @@ class Navigator:
         new = False
         for stamp, item in self.stream.accept(stamp_ns, wx, wy, wz, fx, fy, fz):
             if isinstance(item, float):
+                self.restarts += 1
                 self._begin()
             else:
                 new = self._take(stamp, item)
         return new
 
     def _on_base_link(self, sample: strapdown.Sample) -> strapdown.Sample:
-        """The sample on base_link's axes, biases removed."""
+        """The sample on base_link's axes."""
+        if self._q_mounting is None:
+            return sample
         h, wx, wy, wz, fx, fy, fz = sample
-        if self._q_mounting is not None:
-            wx, wy, wz = attitude.rotate(self._q_mounting, wx, wy, wz)  # type: ignore[arg-type]
-            fx, fy, fz = attitude.rotate(self._q_mounting, fx, fy, fz)  # type: ignore[arg-type]
+        wx, wy, wz = attitude.rotate(self._q_mounting, wx, wy, wz)  # type: ignore[arg-type]
+        fx, fy, fz = attitude.rotate(self._q_mounting, fx, fy, fz)  # type: ignore[arg-type]
+        return h, wx, wy, wz, fx, fy, fz
+
+    def _without_bias(self, sample: strapdown.Sample) -> strapdown.Sample:
+        """The sample, biases removed."""
+        h, wx, wy, wz, fx, fy, fz = sample
         gx, gy, gz = self.gyro_bias
         ax, ay, az = self.accel_bias
         return h, wx - gx, wy - gy, wz - gz, fx - ax, fy - ay, fz - az
 
-    def _take(self, stamp_ns: int, raw: strapdown.Sample) -> bool:
+    def _take(self, stamp_ns: int, from_imu: strapdown.Sample) -> bool:
         previous = self._previous
-        self._previous = sample = self._on_base_link(raw)
+        self._raw = raw = self._on_base_link(from_imu)
+        self._previous = sample = self._without_bias(raw)
         self.stamp_ns = stamp_ns
         self.angular_velocity = sample[1:4]
         self.specific_force = sample[4:7]
         if previous is None:
             self.phase = Phase.COARSE
             return False
+        change = self.stops.detect(stamp_ns, from_imu)
         if previous[0] == 0.0:
             previous = (sample[0], *previous[1:])  # type: ignore[assignment]  # the first had no interval of its own
-        if self.state is not None:
-            self.state = strapdown.step(self.state, previous, sample, self._instantaneous, self._vertical)
-            return True
-        self._coarse(previous, sample)
-        return self.state is not None
+        if self.state is None:
+            self._coarse(previous, sample)
+            return self.state is not None
+        self.state = strapdown.step(self.state, previous, sample, self._instantaneous, self._vertical)
+        self._history.add(stamp_ns, raw, self.state)
+        correction = self.stops.advance(change, self._history, stamp_ns, self.gyro_bias)  # type: ignore[arg-type]
+        if correction is not None:
+            self._correct(correction)
+        return True
 
     def _coarse(self, previous: strapdown.Sample, sample: strapdown.Sample) -> None:
         if sample[0] > max(_COARSE_GAP, 2.0 * self.stream.regular):
@@ -250,10 +317,12 @@ class Navigator:
     def _navigate(self, alignment: Alignment, lat: float, lon: float, height: float) -> None:
         east, north, up = alignment.velocity_g
         velocity = (east, north, up if self._vertical else 0.0)
-        self.state = strapdown.initial_state(lat, lon, height, velocity, alignment.q_gb)
+        self.state = state = strapdown.initial_state(lat, lon, height, velocity, alignment.q_gb)
+        self._history.add(self.stamp_ns, self._raw, state)
+        self.stops.begin(alignment, self._alignment.cone, state, self.stamp_ns, self.gyro_bias)  # type: ignore[arg-type]
         if self.map is None:  # it stays where it was when alignment is repeated
             self.map = strapdown.MapFrame(lat, lon, height)
-        self.alignments += 1
+        self.changes += 1
         self.attitude_covariance = alignment.covariance
         self.phase = Phase.NAVIGATING
         roll, pitch, yaw = attitude.to_euler(alignment.q_gb)

@@ -107,6 +107,12 @@ PARAMETERS = (
         "uncertainty of the gyro biases, deg/h; alignment cannot see the east one: it adds to the heading's sigma",
         0.0,
     ),
+    Parameter(
+        "imu.gyro_bias_walk_deg_per_hour_per_sqrt_hour",
+        0.003,
+        "random walk of the gyro biases: their change in an hour, deg/h; how soon a ZUPT is out of date",
+        0.0,
+    ),
     Parameter("imu.accel_bias_stddev_mg", 0.05, "uncertainty of the accelerometer biases, 1e-3 g", 0.0),
     Parameter(
         "imu.max_angular_velocity", 35.0, "samples with a faster rate are rejected, rad/s (35 is 2000 deg/s)", 0.1
@@ -130,6 +136,12 @@ PARAMETERS = (
         False,
         "integrate the vertical acceleration too: unstable, for short runs only; otherwise height stays",
     ),
+    Parameter(
+        "zupt.zero_velocity",
+        True,
+        "correct velocity, and position as far as it follows, at every stop; false for a base that may drift unfelt",
+    ),
+    Parameter("zupt.max_rocking_deg", 10.0, "the ZUPT services refuse a base whose tilt varies more, RMS, deg", 0.0),
     Parameter("stop.window", 1.0, "length of the window over which a base must not shake, s", 0.3, 5.0),
     Parameter("stop.min_duration", 2.0, "a stop is declared after standing still for so long, s", 0.3, 10.0),
     Parameter(

@@ -12,12 +12,16 @@ from ins_nav.bags import BagError, BagReader, BagWriter, DamagedBagError, RawMes
 from ins_nav.errors import InsNavError, for_people
 from ins_nav.navigator import Navigator, Phase
 from ins_nav.parameters import parse_assignment, read_file
+from ins_nav.stop_policy import StopPolicy
 
 _IMU, _FIX = "sensor_msgs/msg/Imu", "sensor_msgs/msg/NavSatFix"
 _ODOMETRY, _DIAGNOSTICS = "nav_msgs/msg/Odometry", "diagnostic_msgs/msg/DiagnosticArray"
+_BOOL = "std_msgs/msg/Bool"
 _SECOND = 1_000_000_000
 INPUTS = {"/imu/data_raw": _IMU, "/gnss/fix": _FIX}
 """Topics that are read, with their types."""
+NODES = ("ins_node", "stop_detector_node")
+"""Nodes whose work can be done here; the first always is."""
 
 
 class Recorder:
@@ -26,7 +30,7 @@ class Recorder:
     def __init__(self, writer: BagWriter, navigator: Navigator) -> None:
         self._writer = writer
         self._navigator = navigator
-        self._base_link = str(navigator.parameter("base_link_frame"))
+        self._base_link = str(navigator.parameters["base_link_frame"])
         self._out = messages.SolutionMessages(message(_ODOMETRY), message(_IMU), message(_FIX), navigator)
         self._next_diagnostics_ns = 0
         self.written = 0
@@ -34,7 +38,12 @@ class Recorder:
         for topic, msgtype in (("odometry", _ODOMETRY), ("imu/data", _IMU), ("fix", _FIX)):
             writer.add_topic(topic, msgtype)
         writer.add_topic("imu/bias", _IMU, latched=True)
+        writer.add_topic("stopped", _BOOL, latched=True)
         writer.add_topic("diagnostics", _DIAGNOSTICS)
+
+    def stopped(self, value: bool, stamp_ns: int) -> None:
+        """A stop has begun or ended."""
+        self._writer.write("stopped", _BOOL, message(_BOOL, data=value), stamp_ns)
 
     def solution(self) -> None:
         """The navigator has a new solution."""
@@ -67,6 +76,34 @@ class Recorder:
         )
         array = message(_DIAGNOSTICS, header=header(stamp_ns, ""), status=[status])
         self._writer.write("diagnostics", _DIAGNOSTICS, array, stamp_ns)
+
+
+class Calls:
+    """What `stop_detector_node` does: publishes ``stopped``, calls ZUPT services. Its detector is the navigator's."""
+
+    def __init__(self, navigator: Navigator, recorder: Recorder) -> None:
+        self._navigator = navigator
+        self._recorder = recorder
+        self._policy = StopPolicy.from_parameters(navigator.parameters)
+        self._stopped = False
+        self._restarts = 0
+
+    def after_sample(self) -> None:
+        """The navigator has taken a sample."""
+        navigator, policy = self._navigator, self._policy
+        detector = navigator.stops.detector
+        if navigator.restarts != self._restarts:
+            self._restarts = navigator.restarts
+            policy.restart()
+        if detector.stopped != self._stopped:
+            self._stopped = detector.stopped
+            self._recorder.stopped(self._stopped, navigator.stamp_ns)
+            if self._stopped:
+                policy.arrive()
+        while detector.stopped and detector.rest_ns >= policy.due_ns:
+            name, stop = policy.take(), policy.stop
+            success, _ = navigator.zupt1() if name == "zupt1" else navigator.zupt2()
+            policy.answered(name, stop, success)
 
 
 def input_topics(reader: BagReader, remap: dict[str, str]) -> dict[str, str]:
@@ -139,7 +176,7 @@ def main(argv: Sequence[str] | None = None) -> int | None:
     args = _parser().parse_args(argv)
     overrides: dict[str, object] = {}
     for file in args.params_file:
-        overrides |= read_file(file, "ins_node", "ins_process")
+        overrides |= read_file(file, *args.nodes, "ins_node", "ins_process")
     overrides |= dict(map(parse_assignment, args.param))
     navigator = Navigator(overrides)
     if args.output.resolve() in (args.bag.resolve(), args.bag.resolve().parent):
@@ -149,10 +186,13 @@ def main(argv: Sequence[str] | None = None) -> int | None:
         names = input_topics(reader, parse_remaps(args.remap))
         with BagWriter(args.output, args.overwrite) as writer:
             recorder = Recorder(writer, navigator)
+            calls = Calls(navigator, recorder) if "stop_detector_node" in args.nodes else None
             try:
                 for raw in _with_progress(reader, reader.messages(names), navigator):
                     if feed(navigator, names[raw.topic], reader.deserialize(raw)):
                         recorder.solution()
+                    if calls is not None:
+                        calls.after_sample()
                     recorder.tick(raw.stamp_ns)
             except DamagedBagError as error:
                 damage = error
@@ -201,6 +241,14 @@ def _parser() -> argparse.ArgumentParser:
         default=[],
         metavar="OLD:=NEW",
         help="read topic OLD as NEW (/imu/data_raw, ...)",
+    )
+    parser.add_argument(
+        "--nodes",
+        nargs="+",
+        choices=NODES,
+        default=NODES,
+        metavar="NODE",
+        help=f"nodes whose work is done (default: {' '.join(NODES)}; ins_node always is)",
     )
     parser.add_argument("--overwrite", action="store_true", help="replace a bag that is there")
     return parser

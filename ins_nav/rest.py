@@ -7,7 +7,7 @@ which is the integral of the same series.) The vertical component is the run-off
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,14 @@ Array = NDArray[np.float64]
 _EXPECTED = 60.0
 """s: sets the length of the first blocks; they double as the stop lasts."""
 _MIN_BLOCKS = 12
+MIN_DURATION = 6.0
+"""s: twelve of the first blocks."""
+
+
+_ENDS = 6.0
+"""s at both ends of a stop in which the vehicle may still, or already, have moved."""
+_OUTLIER = 9.0
+"""Median deviations from the median, 6 sigmas: what lies beyond is no rest."""
 
 
 @dataclass(frozen=True)
@@ -39,14 +47,17 @@ class RestResult:
         Body to S at the last sample, by the gyros as they are, level by gravity.
     rocking : float
         RMS of the tilt about its mean, rad.
-    duration : float
-        s.
+    level_variance : float
+        Of the level at the last sample, each axis, rad².
+    gyro_noise : float
+        White noise of an axis, rad/√s.
     """
 
     measurement: StopMeasurement
     q_gb: Quaternion
     rocking: float
-    duration: float
+    level_variance: float
+    gyro_noise: float
 
 
 class Rest:
@@ -56,11 +67,18 @@ class Rest:
     ----------
     state : State
         The navigation solution at the last sample before the first that is added.
+    cone : GravityCone, optional
+        What coarse alignment has gathered of this stop up to that sample; the stop is then that much longer.
     """
 
-    def __init__(self, state: State) -> None:
-        self.start = geodetic(state)
-        self._cone = GravityCone(_EXPECTED)
+    def __init__(self, state: State, cone: GravityCone | None = None) -> None:
+        now = geodetic(state)
+        self._lat = now.lat
+        self._cone = cone or GravityCone(_EXPECTED)
+        earth = np.array([0.0, math.cos(now.lat), math.sin(now.lat)])
+        since = Rotation.from_rotvec(RATE * self._cone.time * earth)
+        q_s0b0 = since * Rotation.from_quat(now.q_gb) * Rotation.from_quat(self._cone.q_b0b).inv()
+        self._rot_b0s0: Array = q_s0b0.inv().as_matrix()
 
     @property
     def duration(self) -> float:
@@ -71,37 +89,48 @@ class Rest:
         """Take one sample, biases in use removed, as `ins_nav.strapdown.step` does."""
         self._cone.add(previous, sample, instantaneous)
 
-    def result(self, accel_bias_stddev: float = 0.0) -> RestResult:
+    def result(self, accel_bias_stddev: float = 0.0, until: float = math.inf) -> RestResult:
         """Analyse the stop so far.
+
+        The rates are those of the complete blocks: a sample more or less changes nothing in them.
 
         Parameters
         ----------
         accel_bias_stddev : float
             m/s²; the tilt it makes lets some of the Earth's rate pass for drift.
+        until : float
+            Blocks that end later than this, s from the start, are left out.
 
         Raises
         ------
         ZuptError
             Too short.
         """
-        if len(self._cone) < _MIN_BLOCKS:
-            raise ZuptError(f"stop too short: {self.duration:.1f} s; stand still for longer and call again")
-        blocks, lat = self._cone.blocks(), self.start.lat
+        if len(self._cone) == 0 or self._cone.time < MIN_DURATION:
+            raise _too_short(self._cone.time)
+        blocks, lat = self._cone.blocks(until), self._lat
+        if len(blocks.time) < _MIN_BLOCKS or until < MIN_DURATION:
+            raise _too_short(min(until, self._cone.time))
         path = cone_path(lat, blocks.time)
         gravity = float(np.linalg.norm(blocks.force.mean(axis=0)) / np.linalg.norm(path.mean(axis=0)))
         limits = self._cone.noise_limits(gravity)
-        rot_b0s = Rotation.from_quat(self.start.q_gb).as_matrix().T
+        rot_b0s = self._rot_b0s0
         earth: Array = RATE * np.array([0.0, math.cos(lat), math.sin(lat)])
         middle = Rotation.from_rotvec(-np.outer(blocks.time, earth))
         # blocks are whole samples, so not of one length; each middle lies halfway between two ends
         sign = (-1.0) ** np.arange(len(blocks.time))
         ends: Array = np.asarray(2.0 * sign * np.cumsum(sign * blocks.time), float)
+        keep = _still(ends, blocks.force, _attitudes(rot_b0s, earth, ends, blocks.q_b0b))
+        if keep.stop - keep.start < _MIN_BLOCKS:
+            raise _too_short(blocks.length * (keep.stop - keep.start))
+        ends, middle = ends[keep], middle[keep]
+        blocks = replace(blocks, time=blocks.time[keep], force=blocks.force[keep], q_b0b=blocks.q_b0b[keep])
         rate = np.zeros(3)
         for _ in range(3):
             force_s = middle.apply(blocks.force @ rot_b0s) / gravity
             bend = _bend(rate, earth, blocks.time)
             series = force_s[:, :2] - np.column_stack([bend[:, 1], -bend[:, 0]])
-            noise = TrendNoise.of(blocks.time, blocks.total, series, limits)
+            noise = TrendNoise.of(blocks.time, float(ends[-1]), series, limits)
             fit = noise.fit(series)
             tilted = _attitudes(rot_b0s, earth, ends, blocks.q_b0b)
             tilts = np.outer(ends, rate) + _bend(rate, earth, ends)  # a rocking body would read them as yaw
@@ -117,7 +146,9 @@ class Rest:
         leak = (RATE * accel_bias_stddev / gravity) ** 2
         variance = fit.slope_variance + leak
         last = _attitudes(rot_b0s, earth, np.array([self.duration]), np.array([self._cone.q_b0b]))
-        end = np.array([fit.end[0], fit.end[1]]) - fit.level + _bend(rate, earth, ends[-1:])[0, [1, 0]] * [1.0, -1.0]
+        # level at the end of the blocks; after that it drifts on
+        end = fit.end - fit.level + fit.slope * (self.duration - ends[-1])
+        end += _bend(rate, earth, np.array([self.duration]))[0, [1, 0]] * [1.0, -1.0]
         q = (Rotation.from_rotvec([end[1], -end[0], 0.0]) * Rotation.from_matrix(last[0])).as_quat()
         return RestResult(
             StopMeasurement(
@@ -129,8 +160,27 @@ class Rest:
             ),
             (float(q[0]), float(q[1]), float(q[2]), float(q[3])),
             float(np.sqrt((tilt**2).mean())),
-            self.duration,
+            fit.end_variance + (accel_bias_stddev / gravity) ** 2,
+            math.sqrt(float(limits[1])),
         )
+
+
+def _too_short(duration: float) -> ZuptError:
+    return ZuptError(f"stop too short: {duration:.1f} s of at least {MIN_DURATION:g} s; stand still and call again")
+
+
+def _still(ends: Array, force: Array, attitudes: Array) -> slice:
+    """The blocks without those at both ends in which the vehicle turned or was accelerated unlike in the rest.
+
+    Yaw tells a turn that has hardly begun, in a unit that would see drift a thousand times slower.
+    """
+    yaw = np.unwrap(np.arctan2(attitudes[:, 1, 0], attitudes[:, 0, 0]))
+    series = np.column_stack([np.gradient(yaw, ends), force])
+    deviation = np.abs(series - np.median(series, axis=0))
+    strange = np.flatnonzero((deviation > _OUTLIER * np.median(deviation, axis=0)).any(axis=1))
+    early, late = strange[ends[strange] < _ENDS], strange[ends[strange] > ends[-1] - _ENDS]
+    first = int(early[-1]) + 1 if len(early) else 0
+    return slice(first, max(first, int(late[0])) if len(late) else len(ends))
 
 
 def _bend(rate: Array, earth: Array, time: Array) -> Array:

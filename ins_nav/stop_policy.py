@@ -9,11 +9,12 @@ _NEVER = 2**63
 
 
 class StopPolicy:
-    """Calls ZUPT-1 until it has succeeded at two stops, then ZUPT-2 at every stop.
+    """Calls ZUPT-1 until it has succeeded at two stops, and ZUPT-2 at every stop.
 
     A call is made when the stop has lasted for the given time, and again whenever its length has doubled: the
     residual rates get better with the length to the power 1.5. ZUPT-1 is not repeated at a stop where it succeeded:
-    its second position must be another one. An answer is awaited before the next call.
+    its second position must be another one; ZUPT-2 is what is repeated there. Where ZUPT-1 is refused, since there
+    was no turn, ZUPT-2 is called in its place at once. An answer is awaited before the next call.
 
     Parameters
     ----------
@@ -50,23 +51,31 @@ class StopPolicy:
         self.due_ns = _NEVER
         self._positions = 0
         self._service = ""
+        self._again = ""
         self._next_ns = _NEVER
 
     def arrive(self) -> None:
         """A stop begins."""
         self.stop += 1
         self._service = "zupt1" if self._sequence == "zupt1" and self._positions < 2 else "zupt2"
+        self._again = self._service
         skipped = self._sequence == "none" and self.stop == 1
         self.due_ns = _NEVER if skipped else self._after_ns[self._service]
 
     def take(self) -> str:
         """The service to call now; nothing is due then until it has answered."""
-        self._next_ns, self.due_ns = 2 * self.due_ns, _NEVER
+        self._next_ns, self.due_ns = self.due_ns, _NEVER
         return self._service
 
     def answered(self, service: str, stop: int, success: bool) -> None:
         """The service called at that stop has answered."""
         if service == "zupt1" and success:
             self._positions += 1
-        elif stop == self.stop:
-            self.due_ns = self._next_ns
+        if stop != self.stop:
+            return
+        if service == "zupt1" and not success:
+            self._service, self.due_ns = "zupt2", self._next_ns
+            return
+        if service == "zupt1":
+            self._again = "zupt2"
+        self._service, self.due_ns = self._again, 2 * self._next_ns

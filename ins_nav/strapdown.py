@@ -317,6 +317,41 @@ def initial_state(
     return (*map(float, q_gb), *map(float, velocity_g), *map(float, q_en), float(height))
 
 
+def corrected(
+    state: State,
+    position: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    velocity: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    rotation: tuple[float, float, float] = (0.0, 0.0, 0.0),
+) -> State:
+    """A state with corrections on the axes of n added.
+
+    Parameters
+    ----------
+    state : State
+    position : 3 floats
+        Two along the horizontal axes, one up, m. n goes along without turning about the vertical; attitude relative
+        to n stays.
+    velocity : 3 floats
+        m/s.
+    rotation : 3 floats
+        Rotation vector by which the body turns relative to n, rad.
+    """
+    ex, ey, ez, ew, height = state[7:]
+    rx = 2.0 * (ex * ez - ey * ew)
+    ry = 2.0 * (ey * ez + ex * ew)
+    rz = 1.0 - 2.0 * (ex * ex + ey * ey)
+    meridian, prime_vertical = principal_radii(rz)
+    r_n, r_m = prime_vertical + height, meridian + height
+    k = ECCENTRICITY_SQUARED * prime_vertical / ((1.0 - ECCENTRICITY_SQUARED * rz * rz) * r_m * r_n)
+    dx, dy, dz = position
+    along = k * (rx * dx + ry * dy)
+    turn = from_rotation_vector(-(dy / r_n + along * ry), dx / r_n + along * rx, 0.0)
+    q_en = attitude.normalized(multiply((ex, ey, ez, ew), turn))
+    q_nb = attitude.normalized(multiply(from_rotation_vector(*rotation), state[0:4]))  # type: ignore[arg-type]
+    vx, vy, vz = state[4:7]
+    return (*q_nb, vx + velocity[0], vy + velocity[1], vz + velocity[2], *q_en, height + dz)
+
+
 @dataclass(frozen=True, slots=True)
 class Geodetic:
     """A state in the user's terms: geodetic position, rad and m; east-north-up velocity, m/s; body to ENU."""

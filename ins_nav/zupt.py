@@ -45,6 +45,10 @@ _MIN_SINE = math.sin(math.radians(5.0))
 """Without the run-off of yaw a tilt shows the third drift by so much of it; less is too little."""
 
 
+_INFLATION = 4.0
+"""Factor by which the variance of a contradicted prior grows until it is contradicted no more."""
+
+
 class ZuptError(InsNavError):
     """No calibration can be had from these stops; the text says why and what is missing."""
 
@@ -122,6 +126,100 @@ def after_alignment(
     return StopMeasurement(turn @ rot_sb, turn @ b, turn @ covariance @ turn.T, horizontal_rate, np.zeros(3))
 
 
+@dataclass(frozen=True)
+class Prior:
+    """What was known before the first of two stops.
+
+    Attributes
+    ----------
+    drift : ndarray, shape (3,)
+        Expected drifts, rad/s.
+    azimuth : float
+        Expected azimuth of S at the first stop, rad.
+    information : ndarray, shape (4, 4)
+        Inverse of the covariance of both; may be singular.
+    """
+
+    drift: Array
+    azimuth: float
+    information: Array
+
+
+def rebased(stop: StopMeasurement, bias: ArrayLike, turn: float) -> StopMeasurement:
+    """The same stop, as seen with another bias taken out of the gyros, and on axes of another azimuth.
+
+    Parameters
+    ----------
+    stop : StopMeasurement
+    bias : array_like, shape (3,)
+        Taken out besides, rad/s: drifts are now what is left.
+    turn : float
+        By how much the new axes are turned clockwise, rad.
+    """
+    left = replace(stop, rate=stop.rate - stop.rot_sb @ np.asarray(bias, float))
+    s, c = math.sin(turn), math.cos(turn)
+    axes = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    earth = np.array([0.0, stop.horizontal_rate, 0.0])
+    return replace(
+        left,
+        rot_sb=axes @ left.rot_sb,
+        rate=axes @ (left.rate + earth) - earth,
+        covariance=axes @ left.covariance @ axes.T,
+    )
+
+
+def zupt2_update(stop: StopMeasurement, prior: Array, before: ArrayLike = (0.0, 0.0, 0.0)) -> tuple[Calibration, bool]:
+    """Drifts from one stop, the azimuth trusted, weighed against what was known of both.
+
+    (14)-(15) of [1]_ as the measurement of a filter: Schmidt's, which counts with the uncertainty of the azimuth but
+    leaves it alone. What yaw has run off since the azimuth was last known goes with the drift that made it. Drifts
+    that the prior excludes by its sigmas are believed all the same, and the prior's sigmas are not.
+
+    Parameters
+    ----------
+    stop : StopMeasurement
+    prior : ndarray, shape (4, 4)
+        Covariance of the drifts, expected to be zero, and of the azimuth of S when it was last known.
+    before : array_like, shape (3,)
+        By how much S has turned clockwise from then to the stop's start, per unit of each drift, s.
+
+    Returns
+    -------
+    Calibration
+        At present.
+    bool
+        Whether the prior was contradicted.
+
+    Raises
+    ------
+    ZuptError
+        The unit rocked so much that its mean attitude is no attitude.
+    """
+    _check_attitude(stop)
+    before = np.asarray(before, float)
+    k = stop.horizontal_rate
+    h = np.zeros((3, 4))
+    h[:, :3] = stop.rot_sb
+    h[0, :3] -= k * before
+    h[0, 3] = -k
+    limit = float(stats.chi2.ppf(_CONFIDENCE, 3))
+    noise = stop.covariance + np.eye(3) * _MODEL_ERROR**2
+    p, contradicted = prior, False
+    while float(stop.rate @ np.linalg.solve(h @ p @ h.T + noise, stop.rate)) > limit:
+        widen = np.diag([math.sqrt(_INFLATION)] * 3 + [1.0])
+        p, contradicted = widen @ p @ widen, True
+    innovation = h @ p @ h.T + noise
+    gain = np.linalg.solve(innovation, h @ p).T
+    gain[3] = 0.0
+    left = np.eye(4) - gain @ h
+    drift = gain[:3] @ stop.rate
+    turned = before + stop.azimuth_gain
+    to_now = np.eye(4)
+    to_now[3, :3] = turned
+    covariance = to_now @ (left @ p @ left.T + gain @ noise @ gain.T) @ to_now.T
+    return Calibration(drift, float(turned @ drift), covariance), contradicted
+
+
 def zupt2(stop: StopMeasurement, heading_stddev: float = 0.0) -> Calibration:
     """Drifts from one stop, the azimuth trusted ([1]_, (14)-(15)).
 
@@ -154,35 +252,62 @@ def zupt2(stop: StopMeasurement, heading_stddev: float = 0.0) -> Calibration:
     return Calibration(inverse @ stop.rate, 0.0, covariance)
 
 
-def zupt1(first: StopMeasurement, second: StopMeasurement) -> Calibration:
+def zupt1(first: StopMeasurement, second: StopMeasurement, prior: Prior | None = None) -> Calibration:
     """Drifts and azimuth from two positions, by maximum likelihood.
 
     All six rates of the two stops, weighted by their covariance, and sin² + cos² = 1 as a matter of course, where
     the linear systems (7)-(8) and (12)-(13) of [1]_ leave one rate and that condition unused; the linear solution
     is where the iteration starts.
 
+    Parameters
+    ----------
+    first, second : StopMeasurement
+    prior : Prior, optional
+        Known besides; left out where the stops contradict it.
+
     Raises
     ------
     ZuptError
         No turn in yaw between the positions, or rates that no drift and azimuth explain.
     """
-    x = _linear(first, second)
-    whole = np.zeros((6, 6))
-    whole[:3, :3], whole[3:, 3:] = first.covariance, second.covariance
-    weight = np.linalg.inv(whole + np.eye(6) * 1e-30)  # noiseless simulations
-    for _ in range(8):
-        residual, jacobian = _residual(x, first, second)
-        information = jacobian.T @ weight @ jacobian
-        x = x + np.linalg.solve(information, jacobian.T @ weight @ residual)
-    residual, jacobian = _residual(x, first, second)
-    mismatch = float(residual @ weight @ residual)
+    start = _linear(first, second)
+    x, information, mismatch = _most_likely(start, first, second, None)
+    residual, _ = _residual(x, first, second)
     limit = float(stats.chi2.ppf(_CONFIDENCE, 2))
     if mismatch > limit and float(np.abs(residual).max()) > _MODEL_ERROR:
         raise ZuptError(
             f"inconsistent: no drift and azimuth explain both stops (chi-square {mismatch:.1f}, limit {limit:.1f}): "
             "the unit moved during a stop, or its drift changed between them; repeat with longer stops"
         )
+    if prior is not None:
+        together = _most_likely(x, first, second, prior)
+        if together[2] - mismatch < float(stats.chi2.ppf(_CONFIDENCE, 4)):
+            x, information, _ = together
     return Calibration(x[:3], float(x[3]), np.asarray(np.linalg.inv(information), float))
+
+
+def _most_likely(
+    x: Array, first: StopMeasurement, second: StopMeasurement, prior: Prior | None
+) -> tuple[Array, Array, float]:
+    """Drifts and azimuth by Gauss-Newton from a start, their information, and the squared distance that is left."""
+    whole = np.zeros((6, 6))
+    whole[:3, :3], whole[3:, 3:] = first.covariance, second.covariance
+    weight = np.linalg.inv(whole + np.eye(6) * 1e-30)  # noiseless simulations
+    at_first = np.eye(4)
+    at_first[3, :3] = -first.azimuth_gain
+    for i in range(9):
+        residual, jacobian = _residual(x, first, second)
+        information = jacobian.T @ weight @ jacobian
+        pull = jacobian.T @ weight @ residual
+        mismatch = float(residual @ weight @ residual)
+        if prior is not None:
+            off = np.array([*prior.drift, prior.azimuth]) - at_first @ x
+            information = information + at_first.T @ prior.information @ at_first
+            pull = pull + at_first.T @ prior.information @ off
+            mismatch += float(off @ prior.information @ off)
+        if i < 8:
+            x = x + np.linalg.solve(information, pull)
+    return x, information, mismatch
 
 
 def zupt1_linear(first: StopMeasurement, second: StopMeasurement) -> Calibration:

@@ -1,4 +1,4 @@
-"""Start ins_node with a parameter file, in a namespace: ros2 launch ins_nav ins.launch.py params_file:=my.yaml."""
+"""Start ins_system with a parameter file, in a namespace: ros2 launch ins_nav ins.launch.py params_file:=my.yaml."""
 
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument
@@ -18,8 +18,7 @@ def generate_launch_description() -> LaunchDescription:
             DeclareLaunchArgument("namespace", default_value="", description="Namespace of topics and services"),
             Node(
                 package="ins_nav",
-                executable="ins_node",
-                name="ins_node",
+                executable="ins_system",
                 namespace=LaunchConfiguration("namespace"),
                 parameters=[LaunchConfiguration("params_file")],
                 output="screen",

@@ -148,8 +148,8 @@ def test_waiting_for_a_position_for_long() -> None:
     for stamp, row in zip(s.stamps_ns[:-1], values[:-1], strict=True):
         n.add_imu(int(stamp), *row)
     assert n.state is None and n.progress == 1.0
-    assert len(n._alignment._cone._blocks) < 240
-    assert len(n._alignment._cone._samples) <= 5 * 50 + 1
+    assert len(n._alignment.cone._blocks) < 240
+    assert len(n._alignment.cone._samples) <= 5 * 50 + 1
     n.add_fix(0, 0, 55.7, 37.6, 150.0)
     assert n.add_imu(int(s.stamps_ns[-1]), *values[-1])
     heading = attitude.heading_from_yaw(attitude.to_euler(n.state[0:4])[2])  # type: ignore[index]
@@ -419,7 +419,7 @@ def test_map_stays_when_alignment_is_repeated() -> None:
     fed = Fed(**HERE, **HEADING)
     fed.feed(_messages("static")[:1000])
     first = fed.navigator.map
-    assert first is not None and fed.navigator.alignments == 1
+    assert first is not None and fed.navigator.changes == 1
     fed.navigator.align()
     fed.feed(_messages("static")[1000:2000])
-    assert fed.navigator.alignments == 2 and fed.navigator.map is first
+    assert fed.navigator.changes == 2 and fed.navigator.map is first

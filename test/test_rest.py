@@ -64,7 +64,7 @@ def _two_rests(
     S is turned by the drift about the vertical all the time; in the turn, about the vertical, that is the third.
     """
     one = _rest(stops[0], azimuth, noise).result()
-    length = one.duration + TURNING
+    length = END - START + TURNING
     two = _rest(stops[1], azimuth + DRIFT[2] * length, noise).result()
     m = one.measurement
     gain = m.azimuth_gain + [0.0, 0.0, TURNING] + two.measurement.azimuth_gain
@@ -84,12 +84,11 @@ def test_zupt2_in_the_papers_run() -> None:
     result = _rest(s).result()
     found = zupt2(result.measurement)
     np.testing.assert_allclose(found.drift, DRIFT, rtol=1e-3)  # required; 4e-8 measured
-    assert result.duration == pytest.approx(END - START)
     assert result.rocking < 1e-6
     assert result.measurement.horizontal_rate == pytest.approx(K)
     error = (Rotation.from_quat(result.q_gb) * Rotation.from_quat(s.trajectory.q_nb[-1]).inv()).as_rotvec()
     # level by gravity, though drift has turned the gyros by 3 arc seconds; yaw has run off by the drift
-    np.testing.assert_allclose(error, [0.0, 0.0, DRIFT[2] * result.duration], atol=0.05 * ARC_SECOND)
+    np.testing.assert_allclose(error, [0.0, 0.0, DRIFT[2] * (END - START)], atol=0.05 * ARC_SECOND)
 
 
 @pytest.mark.parametrize("rate", [25.0, 123.0])
@@ -149,5 +148,5 @@ def test_errors_with_noise_are_as_the_covariances_say() -> None:
 
 
 def test_a_stop_too_short_is_refused() -> None:
-    with pytest.raises(ZuptError, match=r"stop too short: 2\.0 s; stand still for longer"):
+    with pytest.raises(ZuptError, match=r"stop too short: 2\.0 s of at least 6 s; stand still"):
         _rest(_run(), end=START + 2.0).result()

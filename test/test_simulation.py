@@ -368,7 +368,8 @@ def test_fixes_scatter_about_the_antenna(lat_deg: float) -> None:
 
 @pytest.mark.parametrize("name", list(SCENARIOS))
 def test_a_scenario_repeats_from_its_seed(name: str) -> None:
-    first, second, other = (simulate(name, seed, duration=20.0) for seed in (5, 5, 6))
+    noisy: dict[str, Any] = {"duration": 20.0, "imu.preset": "tactical"}
+    first, second, other = (simulate(name, seed, **noisy) for seed in (5, 5, 6))
     np.testing.assert_array_equal(first.angular_velocity, second.angular_velocity)
     np.testing.assert_array_equal(first.linear_acceleration, second.linear_acceleration)
     np.testing.assert_array_equal(first.fixes.lat, second.fixes.lat)
@@ -432,6 +433,83 @@ def test_vehicle_shakes_when_asked_to() -> None:
     roll = Rotation.from_quat(s.trajectory.q_nb).as_euler("ZYX", degrees=True)[:, 2]
     assert np.abs(roll[: 100 * 200]).max() == pytest.approx(0.05, rel=1e-3)
     assert np.abs(roll[119 * 200 + 1 : 120 * 200]).max() < 1e-12
+
+
+PAPER_DRIFT = [-1e-7, -1e-7, 1e-7]  # 1e-7 right, -1e-7 forward, 1e-7 up, taken to forward, left, up
+
+
+@pytest.mark.parametrize(("name", "duration"), [("zupt2_stop", 600.0), ("zupt1_two_positions", 720.0)])
+def test_zupt_scenarios_start_as_the_paper_does(name: str, duration: float) -> None:
+    assert SCENARIOS[name].parameters["duration"].default == duration
+    s = simulate(name, duration=30.0)
+    assert (s.parameters["rate"], s.parameters["imu.preset"]) == (200.0, "perfect")
+    t = s.trajectory
+    np.testing.assert_array_equal(t.velocity_n, 0.0)
+    _close([t.lat[0], t.lat[-1]], math.radians(60.0), atol=1e-15)
+    # heading 45°: forward north-east, left north-west
+    horizontal = earth.RATE * 0.5 * math.sqrt(0.5)
+    rate = [horizontal, horizontal, earth.RATE * math.sqrt(0.75)]
+    _close(t.rate, np.tile(rate, (6001, 1)), atol=1e-18)
+    # averages over 5 ms of numbers of 1e-4: rounding of 1e-20 over 5e-3
+    _close(s.angular_velocity, np.tile(np.add(rate, PAPER_DRIFT), (6000, 1)), atol=1e-17)
+    _close(s.linear_acceleration[:, :2], 0.0, atol=1e-6)  # normal gravity leans by 1.2e-7 rad at 150 m
+    np.testing.assert_allclose(s.gyro_bias, PAPER_DRIFT, rtol=1e-14)
+
+
+def test_a_preset_adds_to_a_scenarios_own_errors() -> None:
+    preset: dict[str, Any] = {"imu.preset": "navigation", "duration": 1.0}
+    drawn = simulate("static", 3, **preset).gyro_bias
+    np.testing.assert_allclose(simulate("zupt2_stop", 3, **preset).gyro_bias, np.add(drawn, PAPER_DRIFT), rtol=1e-12)
+    given = simulate("zupt2_stop", duration=1.0, **{"imu.gyro_bias_deg_per_hour": (0.0, 0.0, 3.0)}).gyro_bias
+    np.testing.assert_allclose(given, [0.0, 0.0, math.radians(1.0 / 1200.0)])
+
+
+def test_zupt2_stop_rocks_to_its_end() -> None:
+    t = simulate("zupt2_stop", duration=50.0, rate=20.0, rocking_amplitude_deg=3.0, period=5.0).trajectory
+    yaw, pitch, roll = Rotation.from_quat(t.q_nb).as_euler("ZYX", degrees=True).T
+    phase = 2.0 * math.pi * t.time / 5.0
+    _close(roll, 3.0 * np.sin(phase), atol=1e-12)
+    _close(pitch, 3.0 * np.cos(phase), atol=1e-12)
+    _close(yaw, 45.0, atol=1e-12)
+    np.testing.assert_array_equal(t.velocity_n, 0.0)
+
+
+SHORT: dict[str, Any] = {"rate": 20.0, "first_stop": 30.0, "second_stop": 40.0, "duration": 190.0}
+ENDS = {"first": 30 * 20, "turn": 50 * 20, "second": 90 * 20}  # samples
+
+
+@pytest.mark.parametrize(("turn_deg", "radius"), [(180.0, 5.0), (-90.0, 8.0), (120.0, 0.0)])
+def test_two_positions(turn_deg: float, radius: float) -> None:
+    t = simulate("zupt1_two_positions", turn_deg=turn_deg, turn_radius=radius, **SHORT).trajectory
+    yaw = np.unwrap(Rotation.from_quat(t.q_nb).as_euler("ZYX", degrees=True)[:, 0], period=360.0)
+    stops = slice(0, ENDS["first"] + 1), slice(ENDS["turn"], ENDS["second"] + 1)
+    for stop in stops:
+        np.testing.assert_array_equal(t.velocity_n[stop], 0.0)
+        # Earth's rate alone, 7.3e-5: double precision, and rounding in where a profile ends
+        np.testing.assert_allclose(np.linalg.norm(t.rate[stop], axis=1), earth.RATE, rtol=1e-12)
+        # a double resolves an Earth radius to 1e-9 m
+        _close(t.position_e[stop] - t.position_e[stop.start], 0.0, atol=5e-9)
+    first, second = ENDS["first"], ENDS["turn"]
+    assert yaw[0] == pytest.approx(45.0, abs=1e-12)
+    # meridians converge: 11 m east at latitude 60° make 1.8e-4°
+    assert yaw[second] - yaw[first] == pytest.approx(turn_deg, abs=3e-4)
+    chord = 2.0 * radius * abs(math.sin(0.5 * math.radians(turn_deg)))
+    assert np.linalg.norm(t.position_e[second] - t.position_e[first]) == pytest.approx(chord, abs=1e-4)
+    assert np.linalg.norm(t.velocity_n[ENDS["second"] :], axis=1).max() > 14.0  # the city
+
+
+def test_two_positions_with_a_drive_between_and_a_tilt() -> None:
+    s = simulate("zupt1_two_positions", turn_radius=0.0, drive_time=15.0, tilt_deg=-40.0, **SHORT)
+    t = s.trajectory
+    arrives, leaves = ENDS["turn"] + 15 * 20, ENDS["second"] + 15 * 20
+    np.testing.assert_array_equal(t.velocity_n[arrives : leaves + 1], 0.0)
+    # 5 s up to 5 m/s, 5 s there, 5 s down; straight, south-west
+    place = earth.enu_axes(t.lat[0], t.lon[0]).T @ (t.position_e[arrives] - t.position_e[0])
+    _close(place[:2], [-50.0 * math.sqrt(0.5)] * 2, atol=1e-4)  # 50 m off the origin the plane bends by d²/R
+    pitch = Rotation.from_quat(t.q_nb).as_euler("ZYX", degrees=True)[:, 1]
+    _close(pitch[: ENDS["first"] + 1], 0.0, atol=1e-12)
+    _close(pitch[arrives : leaves + 1], -40.0, atol=1e-12)
+    assert np.abs(pitch[leaves + 10 * 20 :]).max() < 3.0  # the springs
 
 
 @pytest.mark.parametrize(

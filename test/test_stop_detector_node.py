@@ -126,22 +126,22 @@ def calls(policy: StopPolicy, length: int, success: bool) -> list[tuple[str, int
     made = []
     policy.arrive()
     for second in range(length):
-        if second * 10**9 >= policy.due_ns:
-            service = policy.take()
-            made.append((service, second))
-            policy.answered(service, policy.stop, success)
+        while second * 10**9 >= policy.due_ns:
+            made.append((policy.take(), second))
+            policy.answered(made[-1][0], policy.stop, success)
     return made
 
 
 def test_policy_start_sequence() -> None:
     policy = StopPolicy("zupt1", 10.0, 20.0)
-    assert calls(policy, 45, False) == [("zupt1", 10), ("zupt1", 20), ("zupt1", 40)]
-    assert calls(policy, 45, True) == [("zupt1", 10)]
+    both = ("zupt1", "zupt2")
+    assert calls(policy, 45, False) == [(name, second) for second in (10, 20, 40) for name in both]
+    assert calls(policy, 45, True) == [("zupt1", 10), ("zupt2", 20), ("zupt2", 40)]
     assert calls(policy, 9, True) == []
-    assert calls(policy, 45, True) == [("zupt1", 10)]
+    assert calls(policy, 15, True) == [("zupt1", 10)]
     assert calls(policy, 90, True) == [("zupt2", 20), ("zupt2", 40), ("zupt2", 80)]
     policy.restart()
-    assert calls(policy, 45, True) == [("zupt1", 10)]
+    assert calls(policy, 15, True) == [("zupt1", 10)]
     assert calls(StopPolicy("zupt2", 10.0, 20.0), 30, True) == [("zupt2", 20)]
     none = StopPolicy("none", 10.0, 20.0)
     assert calls(none, 100, True) == []

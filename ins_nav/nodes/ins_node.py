@@ -1,7 +1,8 @@
 """`ins_node`: from an IMU topic to a navigation solution, live.
 
-Aligns (standing or rocking, no initial angle), then navigates free inertial at the IMU's own rate. A thin
-translator: `ins_nav.navigator.Navigator` does the work.
+Aligns (standing or rocking, no initial angle), then navigates free inertial at the IMU's own rate; corrects velocity
+at stops, and calibrates itself there when asked (services zupt1 and zupt2). A thin translator:
+`ins_nav.navigator.Navigator` does the work.
 """
 
 import sys
@@ -60,6 +61,8 @@ class InsNode(Node):
             NavSatFix, "gnss/fix", self._on_fix, _qos(10, best_effort), qos_overriding_options=overriding
         )
         self.create_service(Trigger, "~/align", self._on_align)
+        self.create_service(Trigger, "~/zupt1", self._on_zupt1)
+        self.create_service(Trigger, "~/zupt2", self._on_zupt2)
         self.create_timer(1.0, self._on_timer)
         self._publish_bias()
         self.get_logger().info("waiting for imu/data_raw")
@@ -115,6 +118,17 @@ class InsNode(Node):
     def _on_align(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         response.success = True
         response.message = self._navigator.align()
+        return response
+
+    def _on_zupt1(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        return self._answer(response, *self._navigator.zupt1())
+
+    def _on_zupt2(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        return self._answer(response, *self._navigator.zupt2())
+
+    def _answer(self, response: Trigger.Response, success: bool, text: str) -> Trigger.Response:
+        response.success, response.message = success, text
+        self._log()
         return response
 
     def _log(self) -> None:

@@ -5,7 +5,12 @@ A scenario is a function that makes a motion of its parameters' values, decorate
     @scenario("Stands still.", {"roll_deg": Parameter(0.0, "deg", "roll"), "duration": 60.0})
     def static(p: Values) -> Motion: ...
 
-A `Parameter` is one of the scenario's own, a bare value another default of a shared one.
+A `Parameter` is one of the scenario's own, a bare value another default of a shared one; a sensor error given so
+stands above the preset's.
+
+References
+----------
+.. [1] E. S. Lobusov, A. V. Fomichev, "ZUPT mode for a strapdown INS of a ground vehicle", Vestnik MGTU, 2014, no. 6.
 """
 
 import math
@@ -19,7 +24,7 @@ from numpy.typing import NDArray
 from ins_nav import attitude
 from ins_nav.bags import suggestion
 from ins_nav.errors import InsNavError
-from ins_nav.simulation.motion import Array, Motion, Route, constant, sinusoid, smooth_profile
+from ins_nav.simulation.motion import Array, Motion, Route, Signal, constant, sinusoid, smooth_profile
 from ins_nav.simulation.parameters import SHARED, Parameter, Values, resolved
 from ins_nav.simulation.sensors import Fixes, GnssReceiver, ImuErrors, Triple
 from ins_nav.simulation.trajectory import EarthMotion, Origin, Trajectory
@@ -37,6 +42,8 @@ class Scenario:
     text: str
     parameters: dict[str, Parameter]
     motion: MotionMaker
+    errors: Values
+    """Sensor errors of its own, which the preset leaves alone."""
 
 
 SCENARIOS: dict[str, Scenario] = {}
@@ -72,7 +79,9 @@ def scenario(text: str, parameters: Mapping[str, Any]) -> Callable[[MotionMaker]
 
     def register(motion: MotionMaker) -> MotionMaker:
         own = {n: p if isinstance(p, Parameter) else replace(SHARED[n], default=p) for n, p in parameters.items()}
-        SCENARIOS[motion.__name__] = Scenario(text, own | {n: p for n, p in SHARED.items() if n not in own}, motion)
+        every = own | {n: p for n, p in SHARED.items() if n not in own}
+        errors = {n: own[n].default for n in (f"imu.{f.name}" for f in fields(ImuErrors)) if n in own}
+        SCENARIOS[motion.__name__] = Scenario(text, every, motion, errors)
         return motion
 
     return register
@@ -98,7 +107,7 @@ def simulate(name: str, seed: int = 0, /, **parameters: Any) -> Simulation:
     if name not in SCENARIOS:
         raise InsNavError(f"no scenario {name!r}{suggestion(name, SCENARIOS)}")
     chosen = SCENARIOS[name]
-    p = resolved(name, chosen.parameters, parameters)
+    p = resolved(name, chosen.parameters, {**chosen.errors, **parameters})
     origin = Origin(math.radians(p["lat_deg"]), math.radians(p["lon_deg"]), p["height"])
     if round(p["duration"] * p["rate"]) < 1:
         raise InsNavError(f"duration {p['duration']:g} s at rate {p['rate']:g} Hz has no sample; make it longer")
@@ -235,7 +244,22 @@ _ROLL_PER_LATERAL_ACCELERATION = 0.01
 def vehicle(p: Values) -> Motion:
     route = Route(_yaw(p))
     route.hold(p["stand_time"])
-    while route.time < p["duration"]:
+    _drive_through_city(route, p["duration"])
+    speed, yaw = route.speed, route.yaw
+    pitch, roll = _lean(speed, yaw)
+    people = smooth_profile(math.radians(p["people_amplitude_deg"]), [(max(p["stand_time"] - 5.0, 0.0), 4.0, 0.0)])
+    return Motion(
+        p["duration"],
+        speed=speed,
+        yaw=yaw,
+        pitch=pitch + people * sinusoid(1.0, 0.7 * p["people_period"]),
+        roll=roll + people * sinusoid(1.0, p["people_period"]),
+        z=sinusoid(p["engine_amplitude"], 1.0 / p["engine_frequency"]),
+    )
+
+
+def _drive_through_city(route: Route, until: float) -> None:
+    while route.time < until:
         for action, value, duration in _CITY:
             if action == "reach":
                 route.reach(value, duration)
@@ -243,13 +267,90 @@ def vehicle(p: Values) -> Motion:
                 route.turn(math.radians(value), duration)
             else:
                 route.hold(duration)
-    speed, yaw = route.speed, route.yaw
-    people = smooth_profile(math.radians(p["people_amplitude_deg"]), [(max(p["stand_time"] - 5.0, 0.0), 4.0, 0.0)])
+
+
+def _lean(speed: Signal, yaw: Signal) -> tuple[Signal, Signal]:
+    """Pitch and roll of the body on its springs."""
+    return (
+        _PITCH_PER_ACCELERATION * speed.derivative(),
+        _ROLL_PER_LATERAL_ACCELERATION * speed * yaw.derivative(),
+    )
+
+
+_DRIFT = math.degrees(1e-7) * 3600.0
+_PAPER: dict[str, Any] = {
+    "rate": 200.0,
+    "lat_deg": 60.0,
+    "heading_deg": 45.0,
+    "imu.preset": "perfect",
+    # on the paper's axes right, forward, up: 1e-7, -1e-7, 1e-7 rad/s
+    "imu.gyro_bias_deg_per_hour": replace(
+        SHARED["imu.gyro_bias_deg_per_hour"],
+        default=(-_DRIFT, -_DRIFT, _DRIFT),
+        text="drifts, 1e-7 rad/s; those a preset draws are added",
+    ),
+}
+"""Of the numerical example of [1]_."""
+
+
+@scenario(
+    "The ZUPT-2 run of Lobusov and Fomichev (2014): one stop, level or rocking, ideal sensors but for gyro drifts.",
+    _PAPER
+    | {
+        "rocking_amplitude_deg": Parameter(
+            0.0, "deg", "amplitude of roll and pitch, all the time; pitch a quarter of a period ahead", 0.0, 60.0
+        ),
+        "period": Parameter(11.0, "s", "period of roll and pitch", 0.1),
+    },
+)
+def zupt2_stop(p: Values) -> Motion:
+    amplitude = math.radians(p["rocking_amplitude_deg"])
     return Motion(
         p["duration"],
-        speed=speed,
-        yaw=yaw,
-        pitch=_PITCH_PER_ACCELERATION * speed.derivative() + people * sinusoid(1.0, 0.7 * p["people_period"]),
-        roll=_ROLL_PER_LATERAL_ACCELERATION * speed * yaw.derivative() + people * sinusoid(1.0, p["people_period"]),
-        z=sinusoid(p["engine_amplitude"], 1.0 / p["engine_frequency"]),
+        yaw=constant(_yaw(p)),
+        roll=sinusoid(amplitude, p["period"]),
+        pitch=sinusoid(amplitude, p["period"], 0.5 * math.pi),
     )
+
+
+_SHORT_DRIVE_SPEED = 5.0
+_UNTILT_TIME = 10.0
+
+
+@scenario(
+    "ZUPT-1: a vehicle stands, turns, stands in a second position, then drives through a city.",
+    _PAPER
+    | {
+        "duration": 720.0,
+        "first_stop": Parameter(200.0, "s", "how long it stands at first, self-alignment included", 0.0),
+        "turn_deg": Parameter(180.0, "deg", "turn to the second position, counter-clockwise"),
+        "turn_time": Parameter(20.0, "s", "how long the turn takes", 0.1),
+        "turn_radius": Parameter(
+            5.0, "m", "radius of the turn, 0 for on the spot; stop_detector does not notice a tight one", 0.0
+        ),
+        "drive_time": Parameter(
+            0.0, "s", f"how long it drives straight on then, up to {_SHORT_DRIVE_SPEED:g} m/s", 0.0
+        ),
+        "second_stop": Parameter(200.0, "s", "how long it stands in the second position", 0.0),
+        "tilt_deg": Parameter(0.0, "deg", "pitch in the second position, bow down positive", -85.0, 85.0),
+    },
+)
+def zupt1_two_positions(p: Values) -> Motion:
+    turn = math.radians(p["turn_deg"])
+    turning = (p["first_stop"], p["turn_time"])
+    route = Route(_yaw(p))
+    route.hold(p["first_stop"])
+    route.turn(turn, p["turn_time"])
+    if p["drive_time"]:
+        third = p["drive_time"] / 3.0
+        route.reach(_SHORT_DRIVE_SPEED, third)
+        route.hold(third)
+        route.reach(0.0, third)
+    route.hold(p["second_stop"])
+    leaves = route.time
+    _drive_through_city(route, p["duration"])
+    arc = smooth_profile(0.0, [(*turning, p["turn_radius"] * abs(turn))])
+    speed, yaw = route.speed + arc.derivative(), route.yaw
+    pitch, roll = _lean(speed, yaw)
+    tilt = smooth_profile(0.0, [(*turning, math.radians(p["tilt_deg"])), (leaves, _UNTILT_TIME, 0.0)])
+    return Motion(p["duration"], speed=speed, yaw=yaw, pitch=pitch + tilt, roll=roll)

@@ -1,0 +1,423 @@
+"""Error-state Kalman filter with feedback: covariance of the solution's errors, aids, gate.
+
+The mechanization runs on; between two states the filter propagates, an aid's measurement updates it, and
+`ErrorFilter.feed_back` takes the estimated errors out of the solution at once, so that the model stays linear::
+
+    filter.propagate(before, after, duration)
+    update = filter.update("gnss", stamp_ns, gnss.measure(filter.solution(state, rate, gyro_bias), *fix))
+    state, gyro_bias, accel_bias = filter.feed_back(state, gyro_bias, accel_bias)
+
+Covariances for people: position ``P[0:3, 0:3]`` and attitude ``P[6:9, 6:9]`` on n, velocity on body axes
+``rot_bn P[3:6, 3:6] rot_nb`` (see `ins_nav.error_model`).
+"""
+
+import functools
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy.stats import chi2
+
+from ins_nav.attitude import from_rotation_vector
+from ins_nav.error_model import (
+    ATTITUDE,
+    COSINE,
+    HEADING,
+    POSITION,
+    SIZE,
+    VELOCITY,
+    VERTICAL_VELOCITY,
+    Array,
+    ErrorModel,
+    SlowState,
+    Vector,
+    rotation_matrix,
+)
+from ins_nav.strapdown import State
+
+GATE = 1e-4
+"""Probability with which a good measurement is rejected."""
+PATIENCE = 60.0
+"""s without an accepted measurement of an aid, after which its agreement with itself counts for more than the gate."""
+AGREEING = 8
+"""Rejected measurements in a row that must agree with each other then."""
+
+_SMALL = math.radians(3.0)
+"""A heading error of this size is an angle: the square, which the linear model leaves out, is 0.0014."""
+_TRAVEL = 9.0
+"""Velocity squared over its variance, above which it is travel and tells of heading."""
+
+
+class Measurement(NamedTuple):
+    """What an aid says: ``innovation = h x + own x_own + noise``, computed less measured."""
+
+    innovation: Array
+    """(m,)."""
+    h: Array
+    """(m, SIZE)."""
+    r: Array
+    """(m, m), covariance of the noise."""
+    direct: slice
+    """States it measures as such: they give way when the aid is right and the filter is not."""
+    own: Array | None = None
+    """(m, k): columns of the aid's own states."""
+
+
+class Solution(NamedTuple):
+    """What aids see of the solution."""
+
+    state: State
+    rate: Vector
+    """Of the body in inertial space, bias removed, rad/s."""
+    gyro_bias: Vector
+    """In use, rad/s."""
+    travels: bool
+    """`ErrorFilter.travels`."""
+
+
+@dataclass(frozen=True, slots=True)
+class Update:
+    """What became of a measurement."""
+
+    aid: str
+    stamp_ns: int
+    innovation: tuple[float, ...]
+    sigma: tuple[float, ...]
+    """Standard deviation of the innovation, as predicted."""
+    test_ratio: float
+    """Its normalized square over the limit of the gate: rejected above 1."""
+    accepted: bool
+    reason: str
+    """Why it was rejected, or accepted although above the gate; empty otherwise."""
+
+
+class _Track(NamedTuple):
+    """History of an aid: stamp of the last measurement accepted, and those rejected since (the last few)."""
+
+    accepted_ns: int | None
+    rejected: tuple[tuple[int, Array], ...]
+
+
+class Snapshot(NamedTuple):
+    """All that changes in a filter; nothing in it is ever written to."""
+
+    x: Array
+    p: Array
+    values: Array
+    tracks: dict[str, _Track]
+
+
+class ErrorFilter:
+    """The filter.
+
+    Parameters
+    ----------
+    model : ErrorModel
+    position_stddev : 3 floats
+        At the start, along n, m.
+    velocity_stddev : 3 floats
+        m/s.
+    attitude_covariance : ndarray, shape (3, 3)
+        Of the rotation vector on n, rad². Heading may be as uncertain as it likes.
+    aids : mapping of name to sequence of SlowState
+        The own states of aids that have any.
+
+    Attributes
+    ----------
+    x : ndarray, shape (n,)
+        Estimated errors not fed back yet; zero after `feed_back` but for the cosine of an unknown heading.
+    p : ndarray, shape (n, n)
+        Covariance.
+    values : ndarray, shape (n,)
+        Of slow states: what was fed back since the start, so an aid's own states in use.
+    """
+
+    def __init__(
+        self,
+        model: ErrorModel,
+        position_stddev: Sequence[float],
+        velocity_stddev: Sequence[float],
+        attitude_covariance: Array,
+        aids: Mapping[str, Sequence[SlowState]] | None = None,
+    ) -> None:
+        self.model = model
+        own: list[SlowState] = []
+        self._own: dict[str, slice] = {}
+        for name, states in (aids or {}).items():
+            self._own[name] = slice(SIZE + len(own), SIZE + len(own) + len(states))
+            own += states
+        size = SIZE + len(own)
+        self.x: Array = np.zeros(size)
+        self.values: Array = np.zeros(size)
+        self.p: Array = np.zeros((size, size))
+        diagonal = np.einsum("ii->i", self.p)
+        diagonal[POSITION] = np.square(position_stddev)
+        diagonal[VELOCITY] = np.square(velocity_stddev)
+        if not model.vertical:
+            diagonal[VERTICAL_VELOCITY] = 0.0
+        diagonal[9:COSINE] = [s.stddev**2 for s in model.slow]
+        diagonal[SIZE:] = [s.stddev**2 for s in own]
+        self.p[ATTITUDE, ATTITUDE] = attitude_covariance
+        variance = float(attitude_covariance[2][2])
+        if variance > _SMALL**2:
+            # moments of sine and cosine of a normal angle
+            mean = math.exp(-0.5 * variance)
+            self.x[COSINE] = 1.0 - mean
+            self.p[HEADING, :] *= mean
+            self.p[:, HEADING] *= mean
+            diagonal[HEADING] = 0.5 * (1.0 - mean**4)
+            diagonal[COSINE] = 0.5 * (1.0 - mean**2) ** 2
+        self._own_walk: Array = np.array([s.walk**2 for s in own])
+        self._own_rate: Array = np.array([1.0 / s.correlation_time for s in own])
+        self._relaxes = any(math.isfinite(s.correlation_time) for s in (*model.slow, *own))
+        self._tracks: dict[str, _Track] = {}
+
+    def snapshot(self) -> Snapshot:
+        """The filter as it is, to come back to; costs next to nothing."""
+        return Snapshot(self.x, self.p, self.values, self._tracks)
+
+    def restore(self, snapshot: Snapshot) -> None:
+        """Go back to a snapshot of this filter."""
+        self.x, self.p, self.values, self._tracks = snapshot
+
+    def own(self, aid: str) -> Array:
+        """The aid's own states in use."""
+        return self.values[self._own[aid]]
+
+    @property
+    def heading_stddev(self) -> float:
+        """rad; that of an unknown heading is pi / √3."""
+        cosine = 1.0 - float(self.x[COSINE])
+        stddev = math.sqrt(self.p[HEADING, HEADING])
+        limit = math.pi / math.sqrt(3.0)
+        return min(limit, stddev / cosine) if cosine > 0.0 else limit
+
+    def travels(self, state: State) -> bool:
+        """Whether the carrier moves by more than the velocity's error.
+
+        Only then does heading act through velocity. A base at rest, too, has a velocity on paper, and it must not
+        tell of heading.
+        """
+        (a, b), (_, c) = self.p[3:5, 3:5].tolist()
+        x, y = state[4:6]
+        # v' P^-1 v > limit, written without the division
+        return c * x * x - 2.0 * b * x * y + a * y * y > _TRAVEL * max(0.0, a * c - b * b)
+
+    def solution(self, state: State, rate: Vector, gyro_bias: Vector) -> Solution:
+        """What aids see, at the state's stamp; ``rate`` has the bias removed."""
+        return Solution(state, rate, gyro_bias, self.travels(state))
+
+    def propagate(self, before: State, after: State, duration: float) -> None:
+        """Carry the covariance from one state of the mechanization to the next.
+
+        Parameters
+        ----------
+        before, after : State
+            With no correction between them.
+        duration : float
+            s; see `ErrorModel.transition`.
+        """
+        core = self.model.transition(before, after, duration, self.travels(after))
+        half = self.model.noise(before, after, 0.5 * duration)
+        size = len(self.x)
+        if size > SIZE:
+            full, more = np.zeros((size, size)), np.zeros((size, size))
+            full[:SIZE, :SIZE], more[:SIZE, :SIZE] = core, half
+            decay = np.exp(-duration * self._own_rate)
+            np.einsum("ii->i", full)[SIZE:] = decay
+            np.einsum("ii->i", more)[SIZE:] = (0.5 * duration) * self._own_walk
+            core, half = full, more
+        p = core @ (self.p + half) @ core.T
+        p += half
+        self.p = 0.5 * (p + p.T)
+        self.x = core @ self.x
+        if self._relaxes:  # the value in use stays: what is true tends to the one at the start
+            self.x[9:COSINE] += (1.0 - core.diagonal()[9:COSINE]) * self.values[9:COSINE]
+            self.x[SIZE:] += (1.0 - core.diagonal()[SIZE:]) * self.values[SIZE:]
+
+    def update(self, aid: str, stamp_ns: int, measurement: Measurement, gate: float = GATE) -> Update:
+        """Take a measurement of the present state.
+
+        Above the gate it is rejected. But when an aid had nothing accepted for `PATIENCE`, and its last `AGREEING`
+        measurements, all rejected, agree with each other, then the filter is wrong, not the aid: the covariance of
+        what the aid measures (and of its rate of change, when that differs too) grows until the measurement fits.
+        Correlations stay as they were, so that a jump of position moves the position and nothing else. Reflected
+        satellite signals, too, agree with each other for half a minute: that is why patience is longer. After an
+        outage it is spent already.
+
+        Parameters
+        ----------
+        aid : str
+            Its name.
+        stamp_ns : int
+        measurement : Measurement
+        gate : float
+            Probability with which a good measurement is rejected.
+
+        Returns
+        -------
+        Update
+        """
+        innovation, h_core, r, direct, h_own = measurement
+        if not (np.isfinite(innovation).all() and np.isfinite(r).all() and np.isfinite(h_core).all()):
+            nothing = (math.nan,) * len(innovation)
+            return Update(aid, stamp_ns, tuple(innovation.tolist()), nothing, math.nan, False, "not a number")
+        size = len(self.x)
+        h = h_core
+        if size > SIZE:
+            h = np.zeros((len(innovation), size))
+            h[:, :SIZE] = h_core
+            if h_own is not None:
+                h[:, self._own[aid]] = h_own
+        residual = innovation - h @ self.x
+        ph = self.p @ h.T
+        s = h @ ph + r
+        inverse = np.linalg.inv(s)
+        square = float(residual @ inverse @ residual)
+        sigma = tuple(math.sqrt(v) for v in s.diagonal().tolist())
+        ratio = square / _limit(len(residual), gate)
+        track = self._tracks.get(aid, _Track(None, ()))
+        reason = ""
+        if ratio > 1.0:
+            rejected = (*track.rejected, (stamp_ns, residual))[-AGREEING:]
+            if not self._stands_alone(track.accepted_ns, rejected, r) or not self._widen(rejected, h_core, r, direct):
+                self._tracks = self._tracks | {aid: _Track(track.accepted_ns, rejected)}
+                return Update(aid, stamp_ns, tuple(residual.tolist()), sigma, ratio, False, "outside the gate")
+            reason = f"after {len(rejected)} rejected that agree"
+            ph = self.p @ h.T
+            inverse = np.linalg.inv(h @ ph + r)
+        self._tracks = self._tracks | {aid: _Track(stamp_ns, ())}
+        self._take(ph @ inverse, h, r, residual)
+        return Update(aid, stamp_ns, tuple(residual.tolist()), sigma, ratio, True, reason)
+
+    def _take(self, gain: Array, h: Array, r: Array, residual: Array) -> None:
+        """Joseph's form."""
+        self.x = self.x + gain @ residual
+        left = -gain @ h
+        np.einsum("ii->i", left)[:] += 1.0
+        p = left @ self.p @ left.T + gain @ r @ gain.T
+        self.p = 0.5 * (p + p.T)
+
+    def _stands_alone(self, accepted_ns: int | None, rejected: tuple[tuple[int, Array], ...], r: Array) -> bool:
+        """Whether an aid was out for long enough, and what it says lies on a straight line."""
+        if len(rejected) < AGREEING:
+            return False
+        if accepted_ns is not None and (rejected[-1][0] - accepted_ns) * 1e-9 < PATIENCE:
+            return False
+        if len({len(z) for _, z in rejected}) > 1:
+            return False
+        values = np.array([z for _, z in rejected])
+        _, _, scatter = _line(rejected)
+        inverse = np.linalg.inv(r)
+        jump = float(np.einsum("ij,jk,ik->", values, inverse, values)) / values.size
+        # three sigma, and for those who think too well of themselves a tenth of the jump
+        return float(np.einsum("ij,jk,ik->", scatter, inverse, scatter)) / values.size < max(9.0, 0.01 * jump)
+
+    def _widen(self, rejected: tuple[tuple[int, Array], ...], h: Array, r: Array, direct: slice) -> bool:
+        """Let the covariance grow until the last measurement fits; whether that is possible."""
+        p = self.p.copy()
+        if not _grow(p, direct, h[:, direct], rejected[-1][1], h @ p[:SIZE, :SIZE] @ h.T + r):
+            return False
+        if direct == POSITION:
+            slope, variance, _ = _line(rejected)
+            ahead = h[:, direct] @ p[VELOCITY, VELOCITY] @ h[:, direct].T + variance * r
+            _grow(p, VELOCITY, h[:, direct], slope, ahead)
+        self.p = p
+        return True
+
+    def feed_back(self, state: State, gyro_bias: Vector, accel_bias: Vector) -> tuple[State, Vector, Vector]:
+        """Take the estimated errors out of the solution; the estimate is zero afterwards.
+
+        The covariance goes along to the corrected axes: exact for heading by any angle.
+
+        Parameters
+        ----------
+        state : State
+        gyro_bias, accel_bias : 3 floats
+            In use.
+
+        Returns
+        -------
+        state : State
+        gyro_bias, accel_bias : 3 floats
+            Corrected.
+        """
+        open_heading = bool(self.p[COSINE, COSINE] > 0.0)
+        close = open_heading and self._join_heading()
+        x = self.x
+        corrected = self.model.apply(x, state, gyro_bias, accel_bias)
+        c, s, length = _unit(x)
+        back = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+        turn: Array = np.eye(len(x))
+        turn[VELOCITY, VELOCITY] = back @ rotation_matrix(from_rotation_vector(-float(x[6]), -float(x[7]), 0.0))
+        turn[6:8, 6:8] = back[:2, :2]
+        if open_heading:
+            turn[HEADING, HEADING], turn[HEADING, COSINE] = c, s
+            turn[COSINE, HEADING], turn[COSINE, COSINE] = -s, c
+        p = turn @ self.p @ turn.T
+        self.values = self.values - x
+        self.x = np.zeros_like(x)
+        if close:
+            p[COSINE, :] = p[:, COSINE] = 0.0
+        elif open_heading:
+            self.x[COSINE] = 1.0 - length
+        if not self.model.vertical:
+            p[VERTICAL_VELOCITY, :] = p[:, VERTICAL_VELOCITY] = 0.0
+        self.p = 0.5 * (p + p.T)
+        return corrected
+
+    def _join_heading(self) -> bool:
+        """Once heading is known, let its sine and cosine belong to one angle; whether it is known."""
+        c, s, length = _unit(self.x)
+        across: Array = np.zeros(len(self.x))
+        across[HEADING], across[COSINE] = c, s
+        variance = float(across @ self.p @ across) / length**2
+        if variance > _SMALL**2:
+            return False
+        h: Array = np.zeros((1, len(self.x)))
+        h[0, HEADING], h[0, COSINE] = s, -c
+        r = np.array([[0.5 * variance**2]])
+        ph = self.p @ h.T
+        self._take(ph / (h @ ph + r), h, r, np.array([1.0 - 0.5 * variance - length]))
+        return True
+
+
+def _unit(x: Array) -> tuple[float, float, float]:
+    """Cosine and sine of the heading error, and the length of the two as estimated."""
+    sine, cosine = float(x[HEADING]), 1.0 - float(x[COSINE])
+    length = math.hypot(sine, cosine)
+    return cosine / length, sine / length, length
+
+
+@functools.cache
+def _limit(size: int, probability: float) -> float:
+    """Chi-square that is exceeded with the probability."""
+    return float(chi2.isf(probability, size))
+
+
+def _line(points: tuple[tuple[int, Array], ...]) -> tuple[Array, float, Array]:
+    """Straight line through measurements: its slope a second, variance of that for unit noise, deviations from it."""
+    time = np.array([(stamp - points[0][0]) * 1e-9 for stamp, _ in points])
+    values = np.array([z for _, z in points])
+    time -= time.mean()
+    deviations = values - values.mean(axis=0)
+    total = float(time @ time)
+    if total == 0.0:
+        return np.zeros(values.shape[1]), math.inf, deviations
+    slope = time @ deviations / total
+    return slope, 1.0 / total, deviations - np.outer(time, slope)
+
+
+def _grow(p: Array, states: slice, h: Array, misfit: Array, predicted: Array) -> bool:
+    """Scale the covariance block of the states, in place, until the misfit's normalized square is its expectation."""
+    block = p[states, states].copy()
+    seen = h @ block @ h.T
+    factor = 0.0
+    for _ in range(60):
+        if misfit @ np.linalg.solve(predicted + factor * seen, misfit) <= len(misfit):
+            p[states, states] += factor * block
+            return True
+        factor = 4.0 * factor + 1.0
+    return False

@@ -1,0 +1,280 @@
+"""Aids: what each measures, as an innovation, its Jacobian and its noise.
+
+An aid is a class that holds its mounting and turns a solution and a measured value into a `Measurement`, or None
+when the value says nothing. The sign is computed less measured everywhere; the columns are those of
+`ins_nav.error_model`. Lever arms are from the IMU, body axes. A new one needs the formula of what it measures and
+three facts about errors: a vector on body axes, turned to n, is wrong by ``phi x vector``; velocity on body axes by
+``rot_bn dv``; position by ``dp``.
+
+A sine and a cosine stand for heading (`ins_nav.error_model`): a horizontal vector that turns with heading has its own
+components in the column of the cosine.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
+
+from ins_nav import strapdown
+from ins_nav.attitude import rotate
+from ins_nav.earth import RATE, geodetic_to_ecef
+from ins_nav.error_filter import Measurement, Solution
+from ins_nav.error_model import (
+    ATTITUDE,
+    COSINE,
+    GYRO_BIAS,
+    HEIGHT,
+    POSITION,
+    SIZE,
+    VELOCITY,
+    Array,
+    SlowState,
+    Vector,
+    azimuth,
+    rotation_matrix,
+)
+
+_NONE: Vector = (0.0, 0.0, 0.0)
+
+
+class GnssPosition:
+    """Latitude, longitude and height of an antenna.
+
+    Parameters
+    ----------
+    lever_arm : 3 floats
+        m.
+    horizontal : bool
+        Leave height alone.
+    """
+
+    def __init__(self, lever_arm: Vector = _NONE, horizontal: bool = False) -> None:
+        self._lever_arm = lever_arm
+        self._rows = 2 if horizontal else 3
+
+    def measure(self, solution: Solution, lat: float, lon: float, height: float, covariance: ArrayLike) -> Measurement:
+        """rad and m; covariance on east, north, up, shape (3, 3), m²."""
+        state = solution.state
+        arm = rotate(state[0:4], *self._lever_arm)  # type: ignore[arg-type]
+        away = np.array(strapdown.position_ecef(state)) - geodetic_to_ecef(lat, lon, height)
+        z = np.add(_from_earth(state, away), arm)
+        z[2] = state[11] + arm[2] - height  # the chord leaves the surface by d² / 2R
+        h: Array = np.zeros((3, SIZE))
+        h[:, POSITION] = np.eye(3)
+        _turned(h, arm)
+        return _rows(z, h, _on_n(state, covariance), self._rows, POSITION)
+
+
+class GnssVelocity:
+    """Velocity of an antenna on east, north, up.
+
+    Parameters
+    ----------
+    lever_arm : 3 floats
+        m.
+    horizontal : bool
+        Leave the vertical component alone.
+    """
+
+    def __init__(self, lever_arm: Vector = _NONE, horizontal: bool = False) -> None:
+        self._lever_arm = lever_arm
+        self._rows = 2 if horizontal else 3
+
+    def measure(self, solution: Solution, velocity: Vector, covariance: ArrayLike) -> Measurement:
+        """m/s; covariance on east, north, up, shape (3, 3), m²/s²."""
+        state = solution.state
+        rot_nb = rotation_matrix(state[0:4])  # type: ignore[arg-type]
+        swing = rot_nb @ np.cross(_rate_to_earth(solution), self._lever_arm)
+        c, s = azimuth(state)
+        east, north, up = velocity
+        z = np.add(state[4:7], swing) - [c * east + s * north, c * north - s * east, up]
+        h: Array = np.zeros((3, SIZE))
+        h[:, VELOCITY] = np.eye(3)
+        travel = swing + np.multiply(state[4:7], 1.0 if solution.travels else (0.0, 0.0, 1.0))
+        _turned(h, travel)
+        h[:, GYRO_BIAS] = rot_nb @ _cross_matrix(self._lever_arm)
+        return _rows(z, h, _on_n(state, covariance), self._rows, VELOCITY)
+
+
+class Depth:
+    """Depth below the sea surface.
+
+    Parameters
+    ----------
+    surface : float
+        Ellipsoidal height of the surface, m.
+    lever_arm : 3 floats
+        m.
+    """
+
+    def __init__(self, surface: float, lever_arm: Vector = _NONE) -> None:
+        self._surface = surface
+        self._lever_arm = lever_arm
+
+    def measure(self, solution: Solution, depth: float, variance: float) -> Measurement:
+        """m, down positive; m²."""
+        arm = rotate(solution.state[0:4], *self._lever_arm)  # type: ignore[arg-type]
+        h: Array = np.zeros((3, SIZE))
+        h[HEIGHT, HEIGHT] = 1.0
+        _turned(h, arm)
+        z = np.array([solution.state[11] + arm[2] - self._surface + depth])
+        return Measurement(z, h[2:], np.array([[variance]]), slice(HEIGHT, HEIGHT + 1))
+
+
+class Log:
+    """Velocity relative to the ground on the sensor's own axes: Doppler or electromagnetic log, odometer.
+
+    It reads ``(1 + scale) v + (0, a_y, a_z) x v``; its own states are scale and the two angles, rad, by which the
+    direction of its x axis is wrong. v is the velocity of the sensor on its nominal axes.
+
+    Parameters
+    ----------
+    rpy : 3 floats
+        Roll, pitch, yaw of the sensor's axes on the body's (REP-103), rad.
+    lever_arm : 3 floats
+        m.
+    scale, misalignment : SlowState
+        Errors of the unit.
+    """
+
+    def __init__(
+        self,
+        rpy: Vector = _NONE,
+        lever_arm: Vector = _NONE,
+        scale: SlowState = SlowState(),  # noqa: B008  # immutable
+        misalignment: SlowState = SlowState(),  # noqa: B008
+    ) -> None:
+        self.states = (scale, misalignment, misalignment)
+        self._rot_sb: Array = Rotation.from_euler("ZYX", rpy[::-1]).as_matrix().T
+        self._lever_arm = lever_arm
+
+    def measure(
+        self, solution: Solution, own: Sequence[float] | Array, velocity: Vector, covariance: ArrayLike
+    ) -> Measurement | None:
+        """m/s, NaN where there is none; covariance on the sensor's axes, shape (3, 3), m²/s²; own states in use."""
+        axes = np.flatnonzero(np.isfinite(velocity))
+        if not len(axes):
+            return None
+        scale, a_y, a_z = map(float, own)
+        body = np.add(strapdown.velocity_body(solution.state), np.cross(_rate_to_earth(solution), self._lever_arm))
+        x, y, w = map(float, self._rot_sb @ body)
+        reads = np.array([[1.0 + scale, -a_z, a_y], [a_z, 1.0 + scale, 0.0], [-a_y, 0.0, 1.0 + scale]])
+        z = reads @ (x, y, w) - velocity
+        reads = reads @ self._rot_sb
+        h: Array = np.zeros((3, SIZE))
+        h[:, VELOCITY] = reads @ rotation_matrix(solution.state[0:4]).T  # type: ignore[arg-type]
+        h[:, GYRO_BIAS] = reads @ _cross_matrix(self._lever_arm)
+        columns = np.array([[x, w, -y], [y, 0.0, x], [w, -x, 0.0]])
+        r = np.asarray(covariance, float)[np.ix_(axes, axes)]
+        return Measurement(z[axes], h[axes], r, VELOCITY, columns[axes])
+
+
+class BeaconRange:
+    """Slant range to a beacon; its own states are the scale (error of the sound speed) and the bias, m.
+
+    It reads ``(1 + scale) distance + bias``.
+
+    Parameters
+    ----------
+    lever_arm : 3 floats
+        Of the transducer, m.
+    scale, bias : SlowState
+    """
+
+    def __init__(
+        self,
+        lever_arm: Vector = _NONE,
+        scale: SlowState = SlowState(),  # noqa: B008  # immutable
+        bias: SlowState = SlowState(),  # noqa: B008
+    ) -> None:
+        self.states = (scale, bias)
+        self._lever_arm = lever_arm
+
+    def measure(
+        self, solution: Solution, own: Sequence[float] | Array, beacon: ArrayLike, distance: float, variance: float
+    ) -> Measurement | None:
+        """Beacon Earth-fixed (`earth.geodetic_to_ecef`), m; range, m, its variance, m²; own states in use."""
+        state = solution.state
+        scale, bias = map(float, own)
+        arm = rotate(state[0:4], *self._lever_arm)  # type: ignore[arg-type]
+        away = np.add(_from_earth(state, np.subtract(strapdown.position_ecef(state), beacon)), arm)
+        length = float(np.linalg.norm(away))
+        if length == 0.0:
+            return None  # at the beacon: no direction
+        h: Array = np.zeros((3, SIZE))
+        h[:, POSITION] = np.eye(3)
+        _turned(h, arm)
+        z = np.array([(1.0 + scale) * length + bias - distance])
+        row = ((1.0 + scale) / length) * away @ h
+        return Measurement(z, row[None], np.array([[variance]]), POSITION, np.array([[length, 1.0]]))
+
+
+class ZeroVelocity:
+    """The carrier stands."""
+
+    def measure(self, solution: Solution, stddev: float) -> Measurement:
+        """Residual velocity of a standing carrier, each axis, m/s."""
+        h: Array = np.zeros((3, SIZE))
+        h[:, VELOCITY] = np.eye(3)
+        return Measurement(np.array(solution.state[4:7]), h, stddev**2 * np.eye(3), VELOCITY)
+
+
+class ZeroYawRate:
+    """The carrier stands: it turns about the vertical as the Earth does."""
+
+    def measure(self, solution: Solution, stddev: float) -> Measurement:
+        """Yaw rate of a standing carrier and noise of the gyros over its interval, rad/s."""
+        rate = rotate(solution.state[0:4], *solution.rate)  # type: ignore[arg-type]
+        ex, ey = solution.state[7:9]
+        h: Array = np.zeros((3, SIZE))
+        _turned(h, rate)
+        h[:, GYRO_BIAS] = -rotation_matrix(solution.state[0:4])  # type: ignore[arg-type]
+        z = np.array([rate[2] - RATE * (1.0 - 2.0 * (ex * ex + ey * ey))])
+        return Measurement(z, h[2:], np.array([[stddev**2]]), GYRO_BIAS)
+
+
+class KnownDrift:
+    """Drift of the gyros, measured otherwise: a ZUPT calibration (`ins_nav.zupt`)."""
+
+    def measure(self, solution: Solution, drift: Vector, covariance: ArrayLike) -> Measurement:
+        """Body axes, rad/s; its covariance, shape (3, 3)."""
+        h: Array = np.zeros((3, SIZE))
+        h[:, GYRO_BIAS] = np.eye(3)
+        return Measurement(np.subtract(solution.gyro_bias, drift), h, np.asarray(covariance, float), GYRO_BIAS)
+
+
+def _turned(h: Array, vector: Sequence[float] | Array) -> None:
+    """Write the columns of attitude: what turns with it, on n, is wrong by phi x vector; and that of the cosine."""
+    x, y, z = map(float, vector)
+    h[:, ATTITUDE] = [[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]
+    h[0, COSINE], h[1, COSINE] = x, y
+
+
+def _cross_matrix(vector: Sequence[float]) -> Array:
+    x, y, z = vector
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
+def _rate_to_earth(solution: Solution) -> Vector:
+    """Angular rate of the body relative to the Earth, body axes, rad/s."""
+    x, y, z = strapdown.earth_rate_body(solution.state)
+    return solution.rate[0] - x, solution.rate[1] - y, solution.rate[2] - z
+
+
+def _from_earth(state: strapdown.State, vector: Array) -> Vector:
+    """Earth-fixed vector on n."""
+    x, y, z, w = state[7:11]
+    return rotate((-x, -y, -z, w), *map(float, vector))
+
+
+def _on_n(state: strapdown.State, covariance: ArrayLike) -> Array:
+    """Covariance on east, north, up, turned to n."""
+    c, s = azimuth(state)
+    turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+    turned: Array = turn @ np.asarray(covariance, float) @ turn.T
+    return turned
+
+
+def _rows(z: Array, h: Array, r: Array, count: int, direct: slice) -> Measurement:
+    return Measurement(z[:count], h[:count], r[:count, :count], direct)

@@ -1,0 +1,469 @@
+"""What the navigator does at stops: zero velocity by itself, ZUPT-1 and ZUPT-2 when asked.
+
+Everything is done some seconds late, on settled data: that the vehicle has begun to move is noticed later than it
+happens. A stop is measured, and the state corrected, at the settled time; what came since is run again
+(`ins_nav.history`). When the end of a stop turns out to be older than the last correction, that is undone.
+
+- *Zero velocity*: the mean velocity over each second of a stop is the error, and so is the way it has gone. At the
+  first second the error has grown since velocity was last known, and position with it.
+- *ZUPT*: the rates left at the stop (`ins_nav.rest`) are explained by drifts, and with two positions by the azimuth
+  (`ins_nav.zupt`), weighed against what was known before. A stop is always measured as a whole: a second call at the
+  same stop replaces the first.
+
+References
+----------
+.. [1] E. S. Lobusov, A. V. Fomichev, "ZUPT mode for a strapdown INS of a ground vehicle", Vestnik MGTU, 2014, no. 6.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ins_nav import strapdown
+from ins_nav.attitude import from_rotation_vector, multiply
+from ins_nav.coarse_alignment import Alignment
+from ins_nav.earth import RATE
+from ins_nav.gravity_cone import GravityCone
+from ins_nav.history import History
+from ins_nav.parameters import Value
+from ins_nav.rest import MIN_DURATION, Rest, RestResult
+from ins_nav.stop_detection import Change, StopDetector, StopLimits
+from ins_nav.strapdown import Sample, State
+from ins_nav.zupt import Calibration, Prior, ZuptError, rebased, zupt1, zupt2_update
+
+Array = NDArray[np.float64]
+Triple = tuple[float, float, float]
+
+SETTLE_NS = 2_200_000_000
+"""ns: a start is seldom noticed later (`ins_nav.stop_detection`). Not a whole number of blocks of a measurement: a
+service called when a stop has lasted for whole seconds gives the same a moment later."""
+_BATCH_NS = 100_000_000
+"""ns of data that settle at a time."""
+_HOLD_NS = 1_000_000_000
+"""ns between two corrections of velocity."""
+_MARGIN = 0.5
+"""s before the vehicle is seen to move that are not counted as rest: it moves before that shows in its velocity."""
+_ARRIVAL_NS = 1_000_000_000
+"""ns after which a vehicle that stopped does not swing on its springs any more."""
+_DOUBT_SIGMAS, _DOUBT_SPEED = 10.0, 2.0
+"""A stop is none where the solution is faster than so many sigmas and so many m/s: even motion looks like rest, and
+sigmas go with parameters that may not be those of this IMU."""
+_SAME_STOP = 1.0
+"""s by which a stop may seem to have begun after coarse alignment did, and be the same."""
+_SCHULER_RATE = 1.24e-3
+"""rad/s."""
+_GRAVITY = 9.81
+_EXACT = 1e-20
+"""rad²: smallest variance of an azimuth; an exact one would make matrices singular."""
+_DEG_PER_HOUR = math.radians(1.0) / 3600.0
+MILLI_G = 9.80665e-3
+"""m/s²."""
+
+
+class Correction(NamedTuple):
+    """A state to go on from.
+
+    Attributes
+    ----------
+    stamp_ns : int
+        Of an entry of the history.
+    state : State
+    gyro_bias : 3 floats
+        From there on, rad/s.
+    """
+
+    stamp_ns: int
+    state: State
+    gyro_bias: Triple
+
+
+@dataclass
+class _Stop:
+    """A stop: the present one, or the first position of ZUPT-1.
+
+    Attributes
+    ----------
+    began_ns : int
+        Its first sample's stamp, on settled data.
+    rest : Rest
+    bias : 3 floats
+        Of the gyros, taken out of the samples given to ``rest``.
+    turned, removed : ndarray of shape (3,), float
+        Those of `Stops` when it began.
+    prior : ndarray, shape (4, 4)
+        Covariance of drifts and azimuth when the azimuth was last known.
+    before : ndarray, shape (3,)
+        Turn of S from then to its beginning, per unit of drift, s.
+    information : ndarray, shape (4, 4)
+        On drifts and the azimuth at its beginning.
+    until : float
+        Length that is certainly rest, s; infinite while it lasts.
+    """
+
+    began_ns: int
+    rest: Rest
+    bias: Triple
+    turned: Array
+    removed: float
+    prior: Array
+    before: Array
+    information: Array
+    until: float = math.inf
+
+
+class Stops:
+    """Watches for stops and corrects at them.
+
+    Parameters
+    ----------
+    values : mapping
+        Of the parameters.
+
+    Attributes
+    ----------
+    detector : StopDetector
+    covariance : ndarray, shape (4, 4)
+        Of gyro drifts, rad/s, and azimuth, rad, when the latter was last corrected.
+    level_variance : float
+        At the last calibration, rad²; NaN before.
+    calibrations : int
+        Corrections of the gyro bias so far.
+    held : int
+        Stops at which velocity was corrected.
+    doubted : int
+        Stops that were none, by the speed of the solution.
+    velocity_error : float
+        Found at the beginning of the last stop, m/s.
+    """
+
+    def __init__(self, values: Mapping[str, Value]) -> None:
+        def number(name: str) -> float:
+            return float(values[name])  # type: ignore[arg-type]
+
+        self.detector = StopDetector(StopLimits.from_parameters(values))
+        self._instantaneous = values["imu.sampling"] == "instantaneous"
+        self._zero_velocity = bool(values["zupt.zero_velocity"])
+        self._max_rocking = math.radians(number("zupt.max_rocking_deg"))
+        self._drift_stddev = number("imu.gyro_bias_stddev_deg_per_hour") * _DEG_PER_HOUR
+        self._drift_walk = number("imu.gyro_bias_walk_deg_per_hour_per_sqrt_hour") * _DEG_PER_HOUR / 60.0
+        self._accel_stddev = number("imu.accel_bias_stddev_mg") * MILLI_G
+        self._accel_bias: Triple = tuple(x * MILLI_G for x in values["imu.accel_bias_mg"])  # type: ignore
+        heading = number("initial.heading_stddev_deg")
+        self._given = None if math.isnan(number("initial.heading_deg")) else math.radians(heading) ** 2
+        self.restart()
+
+    def restart(self) -> None:
+        """The stamps have jumped: nothing is known but the noise."""
+        self.detector.restart()
+        self.calibrations = self.held = self.doubted = 0
+        self.velocity_error = math.nan
+        self.level_variance = math.nan
+        self.covariance: Array = np.zeros((4, 4))
+        self.forget()
+
+    def forget(self) -> None:
+        """Navigation has ended; the detector goes on."""
+        self._stop: _Stop | None = None
+        self._first: _Stop | None = None
+        self._settled_ns = 0
+        self._turned = np.zeros(3)
+        self._removed = 0.0
+        self._known_turned = np.zeros(3)
+        self._known_ns = self._held_ns = self._calibrated_ns = 0
+        self._gyro_variance = 0.0
+
+    # --- the stream
+
+    def begin(self, alignment: Alignment, cone: GravityCone, state: State, stamp_ns: int, gyro_bias: Triple) -> None:
+        """Alignment has ended: from here there is a state."""
+        self.forget()
+        self._settled_ns = self._known_ns = self._held_ns = self._calibrated_ns = stamp_ns
+        self._gyro_variance = alignment.gyro_noise**2
+        where = strapdown.geodetic(state)
+        k = RATE * math.cos(where.lat)
+        variance = self._drift_stddev**2
+        self.covariance = np.diag([variance] * 3 + [max(alignment.covariance[2, 2], _EXACT)])
+        information = np.diag([1.0 / max(variance, 1e-30)] * 3 + [0.0])
+        if self._given is None:  # what was found has absorbed the east drift
+            east = np.array(_row(state, 0)) * variance / k
+            self.covariance[:3, 3] = self.covariance[3, :3] = east
+            self.covariance[3, 3] = max(self.covariance[3, 3], variance / k**2 + _EXACT)
+        else:
+            information[3, 3] = 1.0 / max(self._given, _EXACT)
+        self.level_variance = max(alignment.covariance[0, 0], alignment.covariance[1, 1])
+        if not self.detector.stopped:
+            return
+        self._stop = stop = self._new(stamp_ns, Rest(state), gyro_bias)
+        if self.detector.since_ns <= stamp_ns - (cone.time - _SAME_STOP) * 1e9:  # alignment's data is of this stop
+            stop.rest, stop.information = Rest(state, cone), information
+            turn = cone.time * np.array(_row(state, 2))
+            stop.turned = stop.turned - turn
+            stop.removed -= float(turn @ gyro_bias)
+            # a heading found is that of the middle, one given that of the end
+            stop.before = -turn if self._given is not None else -0.5 * turn
+
+    def detect(self, stamp_ns: int, sample: Sample) -> Change | None:
+        """Take a sample as it came from the stream; says when a stop begins or ends."""
+        return self.detector.add(stamp_ns, sample)
+
+    def advance(self, change: Change | None, history: History, stamp_ns: int, bias: Triple) -> Correction | None:
+        """The history has a new entry; says when the state is to be corrected.
+
+        Parameters
+        ----------
+        change : Change or None
+            What `detect` said of the same sample.
+        history : History
+        stamp_ns : int
+            Of its newest entry.
+        bias : 3 floats
+            Of the gyros, in use, rad/s.
+        """
+        if change is not None:
+            if not change.stopped:
+                return self._leave(change.stamp_ns, history, bias)
+            self._settle(min(change.stamp_ns, stamp_ns), history, bias)
+            if self._stop is None:
+                start = history.at(self._settled_ns)
+                self._stop = self._new(start.stamp_ns, Rest(start.state), bias)
+        if stamp_ns - self._settled_ns < SETTLE_NS + _BATCH_NS:
+            return None
+        self._settle(stamp_ns - SETTLE_NS, history, bias)
+        return self._hold(_HOLD_NS, history, bias)
+
+    def _new(self, stamp_ns: int, rest: Rest, bias: Triple) -> _Stop:
+        """A stop that begins now, on settled data."""
+        prior = self._prior(stamp_ns)
+        before = self._turned - self._known_turned
+        to_start = np.eye(4)
+        to_start[3, :3] = before
+        information: Array = np.asarray(np.linalg.inv(to_start @ prior @ to_start.T), float)
+        return _Stop(stamp_ns, rest, bias, self._turned.copy(), self._removed, prior, before, information)
+
+    def _prior(self, stamp_ns: int) -> Array:
+        """What is known of drifts and azimuth, grown older."""
+        age = (stamp_ns - self._known_ns) * 1e-9
+        return self.covariance + age * np.diag([self._drift_walk**2] * 3 + [self._gyro_variance])
+
+    def _settle(self, until_ns: int, history: History, bias: Triple) -> None:
+        """Account for what has become certain: S turns; a stop is measured."""
+        entries = history.between(self._settled_ns, until_ns)
+        if not entries:
+            return
+        stop = self._stop
+        previous = _without(history.at(self._settled_ns).raw, stop.bias, self._accel_bias) if stop else None
+        x = y = z = 0.0
+        for entry in entries:
+            h = entry.raw[0]
+            ux, uy, uz = _row(entry.state, 2)
+            x, y, z = x + h * ux, y + h * uy, z + h * uz
+            if stop is not None and previous is not None:
+                sample = _without(entry.raw, stop.bias, self._accel_bias)
+                stop.rest.add(previous, sample, self._instantaneous)
+                previous = sample
+        turn = np.array([x, y, z])
+        self._turned = self._turned + turn
+        self._removed += float(turn @ np.asarray(bias))
+        self._settled_ns = entries[-1].stamp_ns
+
+    def _leave(self, ended_ns: int, history: History, bias: Triple) -> Correction | None:
+        """The stop has ended."""
+        stop, correction = self._stop, None
+        if stop is None:
+            return None
+        rest_ns = ended_ns - round(_MARGIN * 1e9)
+        if rest_ns > self._settled_ns:
+            self._settle(rest_ns, history, bias)
+            correction = self._hold(_HOLD_NS // 5, history, bias)
+        elif self._zero_velocity and rest_ns < self._held_ns:
+            end = history.at(max(rest_ns, self._calibrated_ns))
+            self._held_ns = end.stamp_ns
+            correction = Correction(end.stamp_ns, end.state, bias)
+        stop.until = stop.rest.duration - max(0.0, (self._settled_ns - rest_ns) * 1e-9)
+        self._stop = None
+        return correction
+
+    def _hold(self, least_ns: int, history: History, bias: Triple) -> Correction | None:
+        """Mean velocity over the settled time since the last correction is zero, if that is long enough."""
+        stop = self._stop
+        if stop is None:
+            return None
+        first = self._held_ns < stop.began_ns
+        since_ns = stop.began_ns + _ARRIVAL_NS if first else self._held_ns
+        entries = history.between(since_ns, self._settled_ns) if self._settled_ns - since_ns >= least_ns else []
+        if not entries:
+            return None
+        vx, vy, vz = (sum(entry.state[i] for entry in entries) / len(entries) for i in (4, 5, 6))
+        time = (self._settled_ns - since_ns) * 1e-9
+        if first:
+            grown, stddev = self._grown((since_ns - self._held_ns) * 1e-9)
+            time += grown
+            self.velocity_error = math.hypot(vx, vy)
+            if self.velocity_error > _DOUBT_SPEED + _DOUBT_SIGMAS * stddev:
+                self._stop, self.doubted = None, self.doubted + 1
+                return None
+            self.held += 1
+        self._held_ns = self._settled_ns
+        if not self._zero_velocity:
+            return None
+        back = (-vx * time, -vy * time, -vz * time)
+        state = strapdown.corrected(entries[-1].state, back, (-vx, -vy, -vz))
+        return Correction(self._settled_ns, state, bias)
+
+    def _grown(self, time: float) -> tuple[float, float]:
+        """Error of position, m, for each m/s of velocity that became wrong in a time, s, and that velocity's sigma.
+
+        The regression of one on the other, over a tilt (or an accelerometer's bias) and a drift, each with its
+        sigma: between a half and a third of the time, less for long ones (Schuler oscillation).
+        """
+        if time <= 0.0:
+            return 0.0, 0.0
+        angle = _SCHULER_RATE * time
+        sine, cosine = math.sin(angle) / _SCHULER_RATE, (1.0 - math.cos(angle)) / _SCHULER_RATE**2
+        way = (time - sine) / _SCHULER_RATE**2
+        tilt = (self._accel_stddev + 1e-6) ** 2
+        turn = _GRAVITY**2 * (np.trace(self.covariance[:3, :3]) / 3.0 + self._gyro_variance / time)
+        variance = tilt * sine**2 + turn * cosine**2
+        return (tilt * sine * cosine + turn * cosine * way) / variance, math.sqrt(variance)
+
+    # --- the services
+
+    def zupt1(self, history: History, bias: Triple) -> tuple[str, Correction | None]:
+        """First call: this is position 1; second call, after a turn: drifts and azimuth.
+
+        Parameters
+        ----------
+        history : History
+        bias : 3 floats
+            Of the gyros, in use, rad/s.
+
+        Returns
+        -------
+        str
+            What was done.
+        Correction or None
+
+        Raises
+        ------
+        ZuptError
+            Why not.
+        """
+        stop, result = self._measured()
+        if self._first is None:
+            self._first = stop
+            found, _ = zupt2_update(result.measurement, stop.prior, stop.before)
+            sigma = math.sqrt(found.covariance[3, 3] + self._gyro_variance)
+            return (
+                f"position 1 kept after {stop.rest.duration:.0f} s at rest (heading known to "
+                f"{math.degrees(sigma):.4f}°): it is measured until the vehicle moves; turn by 90° to 180°, stop, and "
+                "call again",
+                None,
+            )
+        first = self._first
+        one = first.rest.result(self._accel_stddev, first.until).measurement
+        two = result.measurement
+        if first is stop:
+            zupt1(one, two)  # refuses: no turn
+        of_bias = np.asarray(stop.bias)
+        gain = stop.turned + two.azimuth_gain - first.turned
+        offset = float(gain @ of_bias) - (stop.removed + float(two.azimuth_gain @ of_bias) - first.removed)
+        between = of_bias - np.asarray(first.bias)
+        age = (stop.began_ns - first.began_ns) * 1e-9
+        noise = one.covariance + age * self._drift_walk**2 * np.eye(3)
+        noise[0, 0] += age * self._gyro_variance * one.horizontal_rate**2
+        seen = rebased(replace(one, covariance=noise), between, offset)
+        seen = replace(seen, azimuth_gain=gain)
+        found = zupt1(seen, two, Prior(-between, offset, first.information))
+        self._first = None
+        correction = self._apply(found, stop, result, history)
+        self._stop = self._new(correction.stamp_ns, Rest(correction.state), correction.gyro_bias)
+        return self._sentence(found, correction.gyro_bias, True), correction
+
+    def zupt2(self, history: History, bias: Triple) -> tuple[str, Correction | None]:
+        """Drifts, the azimuth trusted; parameters, results and errors as of `zupt1`."""
+        stop, result = self._measured()
+        found, contradicted = zupt2_update(result.measurement, stop.prior, stop.before)
+        correction = self._apply(found, stop, result, history)
+        text = self._sentence(found, correction.gyro_bias, False)
+        if contradicted:
+            text += "; more than imu.gyro_bias_stddev_deg_per_hour allows: set it to what the gyros have"
+        return text, correction
+
+    def _measured(self) -> tuple[_Stop, RestResult]:
+        """The present stop and what it shows.
+
+        Raises
+        ------
+        ZuptError
+        """
+        stop, detector = self._stop, self.detector
+        if stop is None and detector.stopped:
+            raise ZuptError(
+                f"moving: the IMU seems to rest, but the solution moves at {self.velocity_error:.1f} m/s; if the "
+                "vehicle does stand, raise imu.gyro_bias_stddev_deg_per_hour and imu.accel_bias_stddev_mg to what the IMU has"
+            )
+        if stop is None or not detector.stopped:
+            since = (detector.stamp_ns - detector.since_ns) * 1e-9
+            known = f" for {since:.1f} s" if detector.since_ns else ""
+            raise ZuptError(
+                f"moving{known}: stand still until stopped is true (speed since the last stop "
+                f"{detector.speed:.2f} m/s, shaking {detector.shake:.1f} times its limit) and call again"
+            )
+        if stop.rest.duration < MIN_DURATION:
+            least = MIN_DURATION + (SETTLE_NS + _BATCH_NS) * 1e-9
+            raise ZuptError(
+                f"stop too short: {detector.rest_ns * 1e-9:.1f} s, at least {least:.1f} s are needed; stand still and "
+                "call again"
+            )
+        result = stop.rest.result(self._accel_stddev)
+        if result.rocking > self._max_rocking:
+            raise ZuptError(
+                f"rocking too much: {math.degrees(result.rocking):.1f}° RMS, zupt.max_rocking_deg is "
+                f"{math.degrees(self._max_rocking):g}; wait until the vehicle is calmer and call again"
+            )
+        return stop, result
+
+    def _apply(self, found: Calibration, stop: _Stop, result: RestResult, history: History) -> Correction:
+        """The state at the settled time, level, with the azimuth corrected; what is known from now on."""
+        entry = history.at(self._settled_ns)
+        where = strapdown.geodetic(entry.state)
+        q_gb = multiply(from_rotation_vector(0.0, 0.0, -found.azimuth), result.q_gb)
+        east, north, up = where.velocity_g
+        if self._held_ns < stop.began_ns or not self._zero_velocity:  # not corrected yet
+            east = north = up = 0.0
+        c, s = math.cos(found.azimuth), math.sin(found.azimuth)
+        velocity = (c * east + s * north, c * north - s * east, up)
+        state = strapdown.initial_state(where.lat, where.lon, where.height, velocity, q_gb)
+        bias = tuple((np.asarray(stop.bias) + found.drift).tolist())
+        gain = result.measurement.azimuth_gain
+        self._turned = stop.turned + gain
+        self._removed = stop.removed + float(gain @ np.asarray(stop.bias)) + found.azimuth
+        self._known_turned = self._turned.copy()
+        self._known_ns = self._calibrated_ns = self._settled_ns
+        self._gyro_variance = result.gyro_noise**2
+        self.covariance = found.covariance
+        self.covariance[3, 3] += _EXACT
+        self.level_variance = result.level_variance
+        self.calibrations += 1
+        return Correction(entry.stamp_ns, state, bias)
+
+    def _sentence(self, found: Calibration, bias: Triple, with_azimuth: bool) -> str:
+        return replace(found, drift=np.asarray(bias)).sentence(with_azimuth)
+
+
+def _row(state: State, i: int) -> Triple:
+    """East (0; on n the first axis) or up (2) on the body's axes."""
+    x, y, z, w = state[0:4]
+    if i == 2:
+        return 2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)
+    return 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)
+
+
+def _without(sample: Sample, gyro: Triple, accel: Triple) -> Sample:
+    """A sample less biases."""
+    h, wx, wy, wz, fx, fy, fz = sample
+    return h, wx - gyro[0], wy - gyro[1], wz - gyro[2], fx - accel[0], fy - accel[1], fz - accel[2]
