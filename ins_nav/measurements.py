@@ -21,6 +21,7 @@ from ins_nav.attitude import rotate
 from ins_nav.earth import RATE, geodetic_to_ecef
 from ins_nav.error_filter import Measurement, Solution
 from ins_nav.error_model import (
+    ABSENT,
     ATTITUDE,
     COSINE,
     GYRO_BIAS,
@@ -54,9 +55,11 @@ class GnssPosition:
         self._rows = 2 if horizontal else 3
 
     def measure(self, solution: Solution, lat: float, lon: float, height: float, covariance: ArrayLike) -> Measurement:
-        """rad and m; covariance on east, north, up, shape (3, 3), m²."""
+        """rad and m; covariance on east, north, up, shape (3, 3), m². Height is not looked at when it is left alone."""
         state = solution.state
         arm = rotate(state[0:4], *self._lever_arm)  # type: ignore[arg-type]
+        if self._rows == 2:
+            height = state[11] + arm[2]
         away = np.array(strapdown.position_ecef(state)) - geodetic_to_ecef(lat, lon, height)
         z = np.add(_from_earth(state, away), arm)
         z[2] = state[11] + arm[2] - height  # the chord leaves the surface by d² / 2R
@@ -94,7 +97,10 @@ class GnssVelocity:
         travel = swing + np.multiply(state[4:7], 1.0 if solution.travels else (0.0, 0.0, 1.0))
         _turned(h, travel)
         h[:, GYRO_BIAS] = rot_nb @ _cross_matrix(self._lever_arm)
-        return _rows(z, h, _on_n(state, covariance), self._rows, VELOCITY)
+        r = _on_n(state, covariance)
+        if not solution.travels:
+            r[:2, :2] += solution.turn * (state[4] ** 2 + state[5] ** 2) * np.eye(2)
+        return _rows(z, h, r, self._rows, VELOCITY)
 
 
 class Depth:
@@ -142,8 +148,8 @@ class Log:
         self,
         rpy: Vector = _NONE,
         lever_arm: Vector = _NONE,
-        scale: SlowState = SlowState(),  # noqa: B008  # immutable
-        misalignment: SlowState = SlowState(),  # noqa: B008
+        scale: SlowState = ABSENT,
+        misalignment: SlowState = ABSENT,
     ) -> None:
         self.states = (scale, misalignment, misalignment)
         self._rot_sb: Array = Rotation.from_euler("ZYX", rpy[::-1]).as_matrix().T
@@ -185,8 +191,8 @@ class BeaconRange:
     def __init__(
         self,
         lever_arm: Vector = _NONE,
-        scale: SlowState = SlowState(),  # noqa: B008  # immutable
-        bias: SlowState = SlowState(),  # noqa: B008
+        scale: SlowState = ABSENT,
+        bias: SlowState = ABSENT,
     ) -> None:
         self.states = (scale, bias)
         self._lever_arm = lever_arm
@@ -211,7 +217,7 @@ class BeaconRange:
 
 
 class ZeroVelocity:
-    """The carrier stands."""
+    """The carrier stands: all of its velocity is error, and nothing of it turns with attitude."""
 
     def measure(self, solution: Solution, stddev: float) -> Measurement:
         """Residual velocity of a standing carrier, each axis, m/s."""
