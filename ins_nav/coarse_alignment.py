@@ -64,6 +64,8 @@ class Alignment:
         Horizontal rate found less that of the Earth at this latitude, rad/s: the north gyro's bias when all is well.
     gyro_noise : float
         White noise of an axis, rad/√s.
+    heading_noise : float
+        Sigma of heading without what the gyros' biases do to it, rad.
     """
 
     q_gb: Quaternion
@@ -73,6 +75,7 @@ class Alignment:
     gravity_ratio: float
     rate_error: float
     gyro_noise: float
+    heading_noise: float
 
     @property
     def heading_stddev(self) -> float:
@@ -240,6 +243,7 @@ class CoarseAlignment:
             gravity / normal,
             found_rate - horizontal_rate,
             math.sqrt(float(limits[1])),
+            math.sqrt(fit.slope_variance) / abs(found_rate) if heading is None else heading_stddev,
         )
 
     def _covariance(self, fit: TrendFit, gravity: float, lat: float, rate: float) -> NDArray[np.float64]:

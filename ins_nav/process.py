@@ -8,7 +8,17 @@ from pathlib import Path
 from tqdm import tqdm
 
 from ins_nav import messages
-from ins_nav.bags import BagError, BagReader, BagWriter, DamagedBagError, RawMessage, absolute, header, message
+from ins_nav.bags import (
+    BagError,
+    BagReader,
+    BagWriter,
+    DamagedBagError,
+    RawMessage,
+    absolute,
+    header,
+    message,
+    suggestion,
+)
 from ins_nav.errors import InsNavError, for_people
 from ins_nav.navigator import Navigator, Phase
 from ins_nav.parameters import parse_assignment, read_file
@@ -174,6 +184,9 @@ def _with_progress(reader: BagReader, raw_messages: Iterable[RawMessage], naviga
 def main(argv: Sequence[str] | None = None) -> int | None:
     """The command line."""
     args = _parser().parse_args(argv)
+    for node in args.nodes:
+        if node not in NODES:
+            raise InsNavError(f"--nodes: no node {node!r}{suggestion(node, NODES)}")
     overrides: dict[str, object] = {}
     for file in args.params_file:
         overrides |= read_file(file, *args.nodes, "ins_node", "ins_process")
@@ -245,7 +258,6 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--nodes",
         nargs="+",
-        choices=NODES,
         default=NODES,
         metavar="NODE",
         help=f"nodes whose work is done (default: {' '.join(NODES)}; ins_node always is)",

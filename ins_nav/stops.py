@@ -59,6 +59,8 @@ _SCHULER_RATE = 1.24e-3
 _GRAVITY = 9.81
 _EXACT = 1e-20
 """rad²: smallest variance of an azimuth; an exact one would make matrices singular."""
+_REGULAR = 1e-9
+"""Share of a variance that keeps a matrix regular whose parts are fully correlated."""
 _EXACT_DRIFT = 1e-24
 """rad²/s²: the same of a drift, 2e-7 °/h."""
 _DEG_PER_HOUR = math.radians(1.0) / 3600.0
@@ -203,7 +205,8 @@ class Stops:
         if self._given is None:  # what was found has absorbed the east drift
             east = np.array(_row(state, 0))
             self.covariance[:3, 3] = self.covariance[3, :3] = drift @ east / k
-            self.covariance[3, 3] = max(self.covariance[3, 3], float(east @ drift @ east) / k**2 + _EXACT)
+            absorbed = float(east @ drift @ east) / k**2
+            self.covariance[3, 3] = absorbed * (1.0 + _REGULAR) + alignment.heading_noise**2 + _EXACT
         else:
             information[3, 3] = 1.0 / max(self._given, _EXACT)
         self.level_variance = max(alignment.covariance[0, 0], alignment.covariance[1, 1])
