@@ -17,6 +17,7 @@ ROOT = Path(__file__).resolve().parents[1]
 SECTIONS = {
     "mechanization": "errors after 600 s of motion with a perfect IMU; coning",
     "alignment": "heading on a rocking base, against its own sigma and the theoretical bound",
+    "zupt": "drifts and azimuth found at stops: the paper's run, noise against the bound, real drives",
     "recordings": "real recordings, by ins_process and live",
     "speed": "cost of a sample in the core, in the navigator, in ins_process",
     "live": "400 Hz over ROS 2: losses, latency, load",
@@ -34,6 +35,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     # Folders of scripts, not packages: found from the root, by the processes that sections start too
     sys.path[0] = str(ROOT)
     os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))
+    if args.figure is not None:
+        importlib.import_module("bench.zupt_figure").draw(args.figure)
+        return 0
     print(f"{_machine()}; times are from a machine that others may use too", flush=True)
     for name in args.sections or SECTIONS:
         print(f"\n## {name}: {SECTIONS[name]}", flush=True)
@@ -61,6 +65,9 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="bench", description="Measure accuracy and speed.")
     parser.add_argument("sections", nargs="*", type=_section, metavar="SECTION", help="default: all; see --list")
     parser.add_argument("--list", action="store_true", help="name the sections")
+    parser.add_argument(
+        "--figure", type=Path, metavar="FILE", help="draw what ZUPT-2 does in the paper's run, instead of measuring"
+    )
     parser.add_argument(
         "--data", type=Path, default=ROOT.parent / "shared" / "data", metavar="FOLDER", help="of the recordings"
     )

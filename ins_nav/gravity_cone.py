@@ -22,6 +22,8 @@ BLOCKS = 120
 """Blocks in an alignment: enough to tell the noise processes apart, few enough for dense algebra in 0.1 s."""
 MAX_SAMPLES = 100_000
 """Samples kept to judge noise and units by: four minutes at 400 Hz, 40 MB."""
+_NOISE_TIME = 60.0
+"""s of samples to judge noise by, at least: in 5 s at 20 Hz it is known to 10 % only."""
 _STRAIGHT_TIME = 600.0
 """s: gravity's path bends away from its tangent later; the bend is 0.1 m/s of seeming velocity here."""
 
@@ -102,7 +104,7 @@ class GravityCone:
 
     def add(self, previous: Sample, sample: Sample, instantaneous: bool) -> bool:
         """Take one sample, as `ins_nav.strapdown.step` does; True when a block was completed."""
-        if self.time < self.duration and len(self._samples) < MAX_SAMPLES:
+        if self.time < max(self.duration, _NOISE_TIME) and len(self._samples) < MAX_SAMPLES:
             self._samples.append((previous, sample, instantaneous))
         return self._integrate(previous, sample, instantaneous, 1.0)
 
@@ -160,13 +162,16 @@ class GravityCone:
         blocks = np.array([block for block in self._blocks if block[0] + 0.5 * block[1] <= until])
         return Blocks(blocks[:, 0], blocks[:, 2:5], blocks[:, 5:], float(blocks[:, 1].mean()), self.time)
 
-    def noise_limits(self, gravity: float) -> Array:
+    def noise_limits(self, gravity: float, until: float = math.inf) -> Array:
         """Most that the sensors' own white noise can be: variance of a block mean, and of the walk in a second.
+
+        By the samples up to ``until``, s from the start.
 
         Second differences of means over 1, 2, 4, ... samples show white noise with hardly any of the motion; motion
         and quantization only add, so the least of them is nearest.
         """
         samples = np.array([sample for _, sample, _ in self._samples])
+        samples = samples[np.cumsum(samples[:, 0]) <= until]
         interval = float(np.median(samples[:, 0]))
         density, penalty = [], []
         size = 1

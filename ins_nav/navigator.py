@@ -168,13 +168,13 @@ class Navigator:
     def _calibrate(self, name: str) -> tuple[bool, str]:
         if self.state is None:
             text = f"no navigation solution yet: {self.phase.value}, {100.0 * self.progress:.0f} % of alignment done"
-            return False, f"{name}: {text}; call again when navigating"
+            return False, f"{text}; call again when navigating"
         service = self.stops.zupt1 if name == "zupt1" else self.stops.zupt2
         try:
             text, correction = service(self._history, self.gyro_bias)  # type: ignore[arg-type]
         except ZuptError as error:
             self.health.note(f"{name} refused", INFO, f"{name} refused: {error}", self.stamp_ns)
-            return False, f"{name} refused: {error}"
+            return False, str(error)
         if correction is not None:
             self._correct(correction)
             level = max(self.stops.level_variance, 0.0)
@@ -182,7 +182,7 @@ class Navigator:
             self.gyro_bias_covariance = self.stops.covariance[:3, :3].copy()
             self.changes += 1
         self.health.tell(INFO, f"{name}: {text}")
-        return True, f"{name}: {text}"
+        return True, text
 
     def _correct(self, correction: Correction) -> None:
         """Go on from a state of the past."""

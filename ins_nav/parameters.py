@@ -186,15 +186,15 @@ PARAMETERS = (
     Parameter(
         "stop_detector.zupt1_after",
         20.0,
-        "length of a stop at which ins_node/zupt1 is called, s; again whenever the length has doubled, until it "
-        "succeeds",
+        "length of a stop at which ins_node/zupt1 is called, s; again after as long, until it succeeds",
         1.0,
         3600.0,
     ),
     Parameter(
         "stop_detector.zupt2_after",
         20.0,
-        "length of a stop at which ins_node/zupt2 is called, s; again whenever the length has doubled",
+        "length of a stop at which ins_node/zupt2 is called, s; again whenever the length has doubled, or after as "
+        "long when it was refused",
         1.0,
         3600.0,
     ),

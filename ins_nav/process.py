@@ -95,7 +95,7 @@ class Calls:
         self._navigator = navigator
         self._recorder = recorder
         self._policy = StopPolicy.from_parameters(navigator.parameters)
-        self._stopped = False
+        self._stopped: bool | None = None
         self._restarts = 0
 
     def after_sample(self) -> None:
@@ -105,6 +105,9 @@ class Calls:
         if navigator.restarts != self._restarts:
             self._restarts = navigator.restarts
             policy.restart()
+        if self._stopped is None:
+            self._stopped = False
+            self._recorder.stopped(False, navigator.stamp_ns)
         if detector.stopped != self._stopped:
             self._stopped = detector.stopped
             self._recorder.stopped(self._stopped, navigator.stamp_ns)

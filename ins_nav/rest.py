@@ -113,7 +113,7 @@ class Rest:
             raise _too_short(min(until, self._cone.time))
         path = cone_path(lat, blocks.time)
         gravity = float(np.linalg.norm(blocks.force.mean(axis=0)) / np.linalg.norm(path.mean(axis=0)))
-        limits = self._cone.noise_limits(gravity)
+        limits = self._cone.noise_limits(gravity, until)
         rot_b0s = self._rot_b0s0
         earth: Array = RATE * np.array([0.0, math.cos(lat), math.sin(lat)])
         middle = Rotation.from_rotvec(-np.outer(blocks.time, earth))

@@ -11,8 +11,9 @@ _NEVER = 2**63
 class StopPolicy:
     """Calls ZUPT-1 until it has succeeded at two stops, and ZUPT-2 at every stop.
 
-    A call is made when the stop has lasted for the given time, and again whenever its length has doubled: the
-    residual rates get better with the length to the power 1.5. ZUPT-1 is not repeated at a stop where it succeeded:
+    A call is made when the stop has lasted for the given time, and after a success when its length has doubled: the
+    residual rates get better with the length to the power 1.5; after a refusal when the given time has passed again
+    (there may have been no solution yet). ZUPT-1 is not repeated at a stop where it succeeded:
     its second position must be another one; ZUPT-2 is what is repeated there. Where ZUPT-1 is refused, since there
     was no turn, ZUPT-2 is called in its place at once. An answer is awaited before the next call.
 
@@ -78,4 +79,5 @@ class StopPolicy:
             return
         if service == "zupt1":
             self._again = "zupt2"
-        self._service, self.due_ns = self._again, 2 * self._next_ns
+        later = self._next_ns if success else self._after_ns[service]
+        self._service, self.due_ns = self._again, self._next_ns + later

@@ -33,7 +33,7 @@ from ins_nav.parameters import Value
 from ins_nav.rest import MIN_DURATION, Rest, RestResult
 from ins_nav.stop_detection import Change, StopDetector, StopLimits
 from ins_nav.strapdown import Sample, State
-from ins_nav.zupt import Calibration, Prior, ZuptError, rebased, zupt1, zupt2_update
+from ins_nav.zupt import Calibration, InconsistentError, Prior, ZuptError, rebased, zupt1, zupt2_update
 
 Array = NDArray[np.float64]
 Triple = tuple[float, float, float]
@@ -397,7 +397,11 @@ class Stops:
         noise[0, 0] += age * self._gyro_variance * one.horizontal_rate**2
         seen = rebased(replace(one, covariance=noise), between, offset)
         seen = replace(seen, azimuth_gain=gain)
-        found = zupt1(seen, two, Prior(-between, offset, first.information))
+        try:
+            found = zupt1(seen, two, Prior(-between, offset, first.information))
+        except InconsistentError:
+            self._first = stop
+            raise
         self._first = None
         correction = self._apply(found, stop, result, history)
         self._stop = self._new(correction.stamp_ns, Rest(correction.state), correction.gyro_bias)

@@ -53,6 +53,10 @@ class ZuptError(InsNavError):
     """No calibration can be had from these stops; the text says why and what is missing."""
 
 
+class InconsistentError(ZuptError):
+    """Both stops are good, but nothing explains them together."""
+
+
 @dataclass(frozen=True)
 class StopMeasurement:
     """What one stop measured.
@@ -268,16 +272,18 @@ def zupt1(first: StopMeasurement, second: StopMeasurement, prior: Prior | None =
     Raises
     ------
     ZuptError
-        No turn in yaw between the positions, or rates that no drift and azimuth explain.
+        No turn in yaw between the positions.
+    InconsistentError
+        Rates that no drift and azimuth explain.
     """
     start = _linear(first, second)
     x, information, mismatch = _most_likely(start, first, second, None)
-    residual, _ = _residual(x, first, second)
     limit = float(stats.chi2.ppf(_CONFIDENCE, 2))
-    if mismatch > limit and float(np.abs(residual).max()) > _MODEL_ERROR:
-        raise ZuptError(
+    if mismatch > limit:
+        raise InconsistentError(
             f"inconsistent: no drift and azimuth explain both stops (chi-square {mismatch:.1f}, limit {limit:.1f}): "
-            "the unit moved during a stop, or its drift changed between them; repeat with longer stops"
+            "the unit moved during a stop, or its drift changed between them; this is position 1 now: turn, stop for "
+            "longer, call again"
         )
     if prior is not None:
         together = _most_likely(x, first, second, prior)
@@ -292,7 +298,7 @@ def _most_likely(
     """Drifts and azimuth by Gauss-Newton from a start, their information, and the squared distance that is left."""
     whole = np.zeros((6, 6))
     whole[:3, :3], whole[3:, 3:] = first.covariance, second.covariance
-    weight = np.linalg.inv(whole + np.eye(6) * 1e-30)  # noiseless simulations
+    weight = np.linalg.inv(whole + np.eye(6) * _MODEL_ERROR**2)
     at_first = np.eye(4)
     at_first[3, :3] = -first.azimuth_gain
     for i in range(9):

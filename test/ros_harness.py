@@ -167,6 +167,14 @@ class Listener:
         """Wait until at least so many messages came on a topic."""
         self.wait_for(lambda: len(self.messages(topic)) >= count, timeout)
 
+    def status(self, node: str) -> dict[str, str]:
+        """Values of a node's last status on /diagnostics; empty before the first."""
+        for received in reversed(self.messages("/diagnostics")):
+            for status in received.message.status:
+                if status.name.startswith(f"{absolute(node)}: "):
+                    return {item.key: item.value for item in status.values}
+        return {}
+
     def call(self, service: str, timeout: float = _TIMEOUT) -> tuple[bool, str]:
         """Call a std_srvs/Trigger service; success and message of its answer."""
         before = len(self._answers)

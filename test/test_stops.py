@@ -78,7 +78,7 @@ class Fed:
         """Call a service that refuses; half a second on the solution is bit for bit that without the call."""
         without = self.fork()
         done, text = getattr(self.navigator, service)()
-        assert not done and text.startswith(f"{service} refused: "), text
+        assert not done
         assert self.navigator.health.counts[f"{service} refused"] == 1
         time = self._next / self.s.parameters["rate"] + 0.5
         for fed in (self, without):
@@ -86,7 +86,7 @@ class Fed:
         assert self.navigator.state == without.navigator.state
         assert self.navigator.gyro_bias == without.navigator.gyro_bias
         assert self.navigator.changes == without.navigator.changes
-        return str(text.removeprefix(f"{service} refused: "))
+        return str(text)
 
     @property
     def bias(self) -> Array:
@@ -134,9 +134,6 @@ def driven(make: Callable[[Route], None], road: float = 5e-4, **parameters: Any)
         del scenarios.SCENARIOS["motion"]
 
 
-MISSED = pytest.mark.xfail(strict=True, reason="the stop detector does not see that a base rocking so stands")
-
-
 # ZUPT-2
 
 
@@ -144,7 +141,7 @@ def test_zupt2_in_the_papers_run() -> None:
     fed = Fed(paper(), KNOWN).to(200.0)
     yaw_before = fed.rotation()[2]
     text = fed.call("zupt2")
-    assert text.startswith("zupt2: gyro drifts in °/h: x -0.0206 ± 0.0000, y -0.0206 ± 0.0000, z +0.0206 ± 0.0000")
+    assert text.startswith("gyro drifts in °/h: x -0.0206 ± 0.0000, y -0.0206 ± 0.0000, z +0.0206 ± 0.0000")
     np.testing.assert_allclose(fed.bias, DRIFT, rtol=1e-3)  # required; 5e-5 measured
     assert yaw_before == pytest.approx(1e-7 * 160.0 / ARC_SECOND, rel=0.01)  # what yaw had run off is taken back
     start = fed.rotation()
@@ -163,7 +160,7 @@ def test_zupt2_in_the_papers_run() -> None:
     ("rocking_deg", "period"),
     [
         (1.0, 5.0),
-        pytest.param(1.0, 11.0, marks=MISSED),
+        (1.0, 11.0),
         (3.0, 5.0),
         (3.0, 11.0),
         (5.0, 5.0),
@@ -258,7 +255,7 @@ def test_zupt1_after_self_alignment_and_a_turn(turn_deg: float) -> None:
     # the east drift, by the horizontal rate of the Earth, is none here: sin 45° - sin 45°; yaw has run off since
     assert fed.rotation()[2] > 2.0
     text = fed.call("zupt1")
-    assert text.startswith("zupt1: position 1 kept after 18") and fed.navigator.stops.calibrations == 0
+    assert text.startswith("position 1 kept after 18") and fed.navigator.stops.calibrations == 0
     text = fed.to(405.0).call("zupt1")
     assert "heading corrected by +0.002" in text
     np.testing.assert_allclose(fed.bias, DRIFT, rtol=5e-3)  # required; 1.5e-4 measured
@@ -368,7 +365,7 @@ def test_a_restart_forgets_everything() -> None:
 def test_not_navigating_yet() -> None:
     fed = Fed(paper(), KNOWN).to(10.0)
     for service in ("zupt1", "zupt2"):
-        sentence = f"{service}: no navigation solution yet: coarse, 25 % of alignment done; call again when navigating"
+        sentence = "no navigation solution yet: coarse, 25 % of alignment done; call again when navigating"
         assert getattr(fed.navigator, service)() == (False, sentence)
     assert fed.navigator.state is None
 
@@ -410,7 +407,7 @@ def test_a_drift_that_changed_between_the_positions_is_refused() -> None:
     fed.call("zupt1")
     sentence = fed.to(330.0).refused("zupt1")
     assert sentence.startswith("inconsistent: no drift and azimuth explain both stops (chi-square ")
-    assert "its drift changed between them; repeat with longer stops" in sentence
+    assert "its drift changed between them; this is position 1 now" in sentence
     fed.call("zupt2")  # position 1 is kept, and the rest goes on
     np.testing.assert_allclose(fed.bias[2], DRIFT[2] + 1e-6, rtol=5e-3)
 

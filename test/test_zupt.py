@@ -250,9 +250,11 @@ def test_zupt1_reaches_the_cramer_rao_bound(positions: tuple[Array, Array]) -> N
     errors, covariance = _drawn_errors(zupt1, positions, azimuth)
     # RMS of 300 draws scatters by 4 %
     assert np.all(np.sqrt((errors**2).mean(axis=0) / np.diag(bound)) <= 1.15)
-    # the same matrix but for the differences' truncation and the point where it is taken, one sigma away
-    scale = np.sqrt(np.diag(bound))
-    np.testing.assert_allclose(covariance / np.outer(scale, scale), bound / np.outer(scale, scale), atol=1e-3)
+    # the same matrix, the model's own error of 1e-10 rad/s added, but for the differences' truncation and the point
+    # where it is taken, one sigma away
+    told = np.linalg.inv(jacobian.T @ np.diag(np.tile(1.0 / (NOISE**2 + 1e-20), 2)) @ jacobian)
+    scale = np.sqrt(np.diag(told))
+    np.testing.assert_allclose(covariance / np.outer(scale, scale), told / np.outer(scale, scale), atol=1e-3)
 
 
 def test_errors_of_zupt2_are_as_its_covariance_says() -> None:
