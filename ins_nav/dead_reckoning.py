@@ -1,18 +1,22 @@
-"""Velocity since the last rest, dead reckoned from the IMU alone, and how far it can be trusted.
+"""Velocity and yaw since the last rest, dead reckoned from the IMU alone, and how far they can be trusted.
 
 A small error-state Kalman filter, made for one question: may the base be standing? It needs no position, latitude
-or heading, and takes blocks of some tens of samples.
+or heading, and takes blocks of some tens of samples. `TurnWatch` asks its attitude whether a base that stands is
+turned.
 """
 
 import math
+from collections import deque
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ins_nav.attitude import Quaternion, from_rotation_vector, multiply, normalized, rotate
+from ins_nav.attitude import Quaternion, conjugate, from_rotation_vector, multiply, normalized, rotate
 
 Triple = tuple[float, float, float]
 
+BLOCK = 0.1
+"""s: ten means a second resolve a body's motion on its springs (1 to 2 Hz), and average an engine's."""
 LONG_BLOCK = 0.2
 """s: in a longer block samples were lost."""
 _GRAVITY = 9.81
@@ -36,6 +40,28 @@ _LOST_ACCELERATION = 3.0
 """m/s²: what lost samples may have held."""
 _GATE = 13.8
 """Squared distance of 0.1 % of normal pairs."""
+_ABSURD_SPEED = 5.0 * _SPEED_PRIOR
+"""m/s: of no vehicle, but of a filter that is sure of a wrong gyro bias, after a minute or two."""
+_TILTED = math.sin(math.radians(15.0)) ** 2
+"""Yaw is counted from an attitude that is at most twice this angle away: near 180° it would be undefined."""
+_CLIP = 2.0
+"""Of the RMS: a random walk ends 1.4 RMS away from its line, one with the beginning of a turn 2.2 and more."""
+_LEAST_ON_LINE = 5
+"""Values: fewer have no scatter to speak of."""
+_ROUNDING = 1e-8
+"""rad: less is no turn."""
+_ATTITUDES = 1800
+"""Blocks kept, 3 min."""
+_LINE = 600
+"""Blocks over which the drift of an angle is a line."""
+_TURN = math.radians(5.0)
+"""Yaw from its mean that is a turn: people and swell yaw by less. And tilt from one stillness to the next."""
+_TURN_MEMORY = 200
+"""Blocks over which that mean is taken: a turn by 5° in them is no drift."""
+_TURN_BEGINS = math.radians(1.0)
+"""What certainly belongs to a turn."""
+_YAW_SWAY = 0.003
+"""rad: yaw of a base that is swayed, with twice the RMS seen. Its mean rate is known to this over the time at rest."""
 
 _H_V: NDArray[np.float64] = np.eye(2, 12)
 _V, _TILT, _GYRO, _EARTH, _ACCEL = slice(0, 2), slice(2, 4), slice(4, 7), slice(7, 9), slice(9, 12)
@@ -57,16 +83,21 @@ class DeadReckoning:
     mean_integral : 3 floats
         The same of the integral of acceleration, to which no correction of the velocity is added, m/s: for changes.
     yaw : float
-        Turn about the vertical since the start, rad.
+        Turn about the vertical since the start, rad. That of the attitude, not the integral of the rate about the
+        vertical, which grows with every circle of a base that rocks in roll and pitch.
+    measured_yaw : float
+        The same with what is known of gyro biases left in: a straight line at rest, rad.
     """
 
     def __init__(self) -> None:
         self.velocity = (0.0, 0.0)
         self.mean_velocity = (0.0, 0.0)
         self.mean_integral = (0.0, 0.0, 0.0)
-        self.yaw = 0.0
+        self.yaw = self.measured_yaw = 0.0
         self._integral = (0.0, 0.0, 0.0)
         self._q: Quaternion | None = None
+        self._reference: Quaternion = (0.0, 0.0, 0.0, 1.0)
+        self._reference_yaw = 0.0
         self._gyro = np.zeros(3)
         self._earth = np.zeros(2)
         self._accel = np.zeros(3)
@@ -90,6 +121,17 @@ class DeadReckoning:
     def speed_stddev(self) -> float:
         """Of the less certain component, m/s."""
         return math.sqrt(max(self._p[0, 0], self._p[1, 1]))
+
+    @property
+    def absurd(self) -> bool:
+        """Whether the velocity says that what was learnt is wrong."""
+        return self.speed > _ABSURD_SPEED
+
+    @property
+    def up(self) -> Triple:
+        """The vertical on the body's axes, at the beginning of the last block."""
+        x, y, z = self._rotation[2].tolist()
+        return x, y, z
 
     def yaw_rate_stddev(self, sway: float) -> float:
         """Of the rate about the vertical at rest, rad/s."""
@@ -123,7 +165,8 @@ class DeadReckoning:
             Standard deviation of the block's mean rate and specific force, rad/s and m/s².
         """
         if self._q is None:
-            self._q = _level(*velocity)
+            self._q = self._reference = _level(*velocity)
+            self._reference_yaw = self.yaw
         rotation = self._rotation = _matrix(self._q)
         rate = self._gyro + rotation[:2].T @ self._earth
         rx, ry, rz = rate.tolist()
@@ -141,8 +184,10 @@ class DeadReckoning:
         self._integral = x + dx, y + dy, z + dz_level
         tx, ty, tz = turn[0] - rx * time, turn[1] - ry * time, turn[2] - rz * time
         self._q = normalized(multiply(self._q, from_rotation_vector(tx, ty, tz)))
+        before = self.yaw
+        self._count_yaw()
         ux, uy, uz = rotation[2].tolist()
-        self.yaw += ux * tx + uy * ty + uz * tz
+        self.measured_yaw += self.yaw - before + (ux * rx + uy * ry + uz * rz) * time
         f = np.eye(12)
         f[0, 3], f[1, 2] = dz, -dz
         f[_V, _ACCEL] = f[_TILT, _GYRO] = -time * rotation[:2]
@@ -158,6 +203,14 @@ class DeadReckoning:
         # whatever it is, it is not at 100 m/s: keeps the level bounded in a long drive
         if p[0, 0] > _SPEED_PRIOR**2 or p[1, 1] > _SPEED_PRIOR**2:
             self._update(_H_V, -np.array(self.velocity), _SPEED_PRIOR**2 * _SPEED_PRIOR_CORRELATION / time)
+
+    def _count_yaw(self) -> None:
+        """The part of the turn from the reference that is about the vertical, without jumps by 360°."""
+        assert self._q is not None
+        x, y, z, w = multiply(self._q, conjugate(self._reference))
+        self.yaw += math.remainder(self._reference_yaw + 2.0 * math.atan2(z, w) - self.yaw, 2.0 * math.pi)
+        if x * x + y * y > _TILTED:
+            self._reference, self._reference_yaw = self._q, self.yaw
 
     def rate_offset(self, mean: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Mean rate over what is expected at rest, and the variance of that, rad/s."""
@@ -175,20 +228,23 @@ class DeadReckoning:
         z = np.array([*self.velocity, *acceleration])
         return float(z @ np.linalg.solve(s, z))
 
-    def rest(self, speed_noise: float, rate: NDArray[np.float64] | None, rate_noise: float) -> None:
-        """The base stands: velocity is zero, and where a rate is given, it is that of the biases and the Earth.
+    def rest(self, speed_noise: float) -> None:
+        """The base stands: velocity is zero.
 
         A velocity that contradicts this is left alone: it is jolted, or about to move.
+
+        A mean rate is not taken for that of the biases: the base may rock. Velocity says it of the horizontal axes.
         """
         vx, vy = self.velocity
         limit = _GATE * (speed_noise**2 + max(self._p[0, 0], self._p[1, 1]))
         if vx * vx + vy * vy < limit:
             self._update(_H_V, np.array([-vx, -vy]), speed_noise**2)
-        if rate is not None:
-            h = np.zeros((3, 12))
-            h[0, 4] = h[1, 5] = h[2, 6] = 1.0
-            h[:, _EARTH] = self._rotation[:2].T
-            self._update(h, self.rate_offset(rate)[0], rate_noise**2)
+
+    def hold_yaw(self, rate: float, noise: float) -> None:
+        """The base stands: the mean rate of ``yaw``, rad/s, is that of the gyro biases."""
+        h = np.zeros((1, 12))
+        h[0, _GYRO] = self._rotation[2]
+        self._update(h, np.array([rate]), noise**2)
 
     def _update(self, h: NDArray[np.float64], residual: NDArray[np.float64], variance: float) -> None:
         assert self._q is not None
@@ -224,3 +280,123 @@ def _matrix(q: Quaternion) -> NDArray[np.float64]:
             [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
         ]
     )
+
+
+class TurnWatch:
+    """Tells whether a base that stands is turned where it is, and when turns began and ended.
+
+    It keeps the attitudes of the last minutes.
+    """
+
+    def __init__(self) -> None:
+        self._track: deque[tuple[int, float, Triple]] = deque(maxlen=_ATTITUDES)
+        self._stood = 0
+        self._mean = self._variance = self._window = 0.0
+        self._up: Triple | None = None
+
+    def append(self, stamp_ns: int, reckoning: DeadReckoning) -> None:
+        """Take the attitude after a block."""
+        self._track.append((stamp_ns, reckoning.measured_yaw, reckoning.up))
+
+    def stand(self, reckoning: DeadReckoning) -> None:
+        """A stop begins."""
+        self._stood = 0
+        self._mean = self._window = reckoning.yaw
+        self._variance = 0.0
+        self._up = None
+
+    def turned(self, reckoning: DeadReckoning, sigmas: float) -> bool:
+        """Whether yaw has left its mean by more than sway and drift can do; asked once a block of a stop."""
+        self._stood += 1
+        memory = min(self._stood, _TURN_MEMORY)
+        off = reckoning.yaw - self._mean
+        self._mean += off / memory
+        self._variance += (off * off - self._variance) / memory
+        return abs(off) > _TURN and abs(off) > _TURN + sigmas * reckoning.yaw_rate_stddev(0.0) * memory * BLOCK
+
+    def learn(self, reckoning: DeadReckoning, blocks: int, sway: float) -> None:
+        """Learn the gyro bias about the vertical: from the last blocks as much as the stop's mean rate gains by them.
+
+        Parameters
+        ----------
+        reckoning : DeadReckoning
+        blocks : int
+            Since the last time.
+        sway : float
+            Noise of rate over a block, standard deviation, rad/s.
+        """
+        turn, self._window = reckoning.yaw - self._window, reckoning.yaw
+        time, rest = blocks * BLOCK, self._stood * BLOCK
+        if rest < time:
+            return
+        yaw2 = _YAW_SWAY**2 + 4.0 * self._variance
+        noise2 = yaw2 / (rest**2 - (rest - time) ** 2) + sway**2 / blocks
+        reckoning.hold_yaw(turn / time, math.sqrt(noise2))
+
+    def tilted(self, reckoning: DeadReckoning, since_ns: int) -> int:
+        """When the base was tilted, given that it is still now: stamp of the beginning, not before that given; or 0.
+
+        A base that rocks is never still.
+        """
+        up, was = reckoning.up, self._up
+        if was is None or math.dist(up, was) < _TURN:
+            self._up = up
+            return 0
+        stamps, _, ups = self._since(since_ns)
+        off = ups - was
+        tilt = off @ off[-1] / math.sqrt(off[-1] @ off[-1])
+        before = int(np.flatnonzero(tilt < _TURN_BEGINS).max(initial=0)) + 1
+        return _last_on_line(stamps[:before], tilt[:before])
+
+    def turn_began(self, reckoning: DeadReckoning, since_ns: int) -> int:
+        """Stamp of the last block that is on the line which yaw has made from a time on; now if there is no turn."""
+        if abs(reckoning.yaw - self._mean) < _TURN_BEGINS:
+            return self._track[-1][0]
+        stamps, yaws, _ = self._since(since_ns)
+        return _last_on_line(stamps, yaws)
+
+    def turn_ended(self, since_ns: int) -> int:
+        """Stamp of the first block, not before that given, from which on yaw makes a line."""
+        stamps, yaws, _ = self._since(since_ns)
+        return stamps[-_on_line(yaws[::-1])]
+
+    def ends_gently(self, blocks: int, sigmas: float) -> bool:
+        """Whether the rate of yaw over the last blocks is not that over as many before, scatter apart."""
+        yaws = np.array([self._track[-i][1] for i in range(min(2 * blocks + 1, len(self._track)), 0, -1)])
+        steps = np.diff(yaws[1 - len(yaws) % 2 :]).reshape(2, -1)
+        before, now = steps.sum(axis=1).tolist()
+        scatter = math.sqrt(float(steps.var(axis=1).sum()) * steps.shape[1])
+        return bool(abs(now - before) > sigmas * scatter + _ROUNDING)
+
+    def _since(self, stamp_ns: int) -> tuple[tuple[int, ...], NDArray[np.float64], NDArray[np.float64]]:
+        stamps, yaws, ups = zip(*(a for a in self._track if a[0] >= stamp_ns), strict=True)
+        return stamps, np.array(yaws), np.array(ups)
+
+
+def _last_on_line(stamps: tuple[int, ...], values: NDArray[np.float64]) -> int:
+    """Stamp of the last value on the line of the first."""
+    return stamps[-_LINE:][_on_line(values[-_LINE:]) - 1]
+
+
+def _on_line(values: NDArray[np.float64]) -> int:
+    """How many of equally spaced values are on the line that the first of them make.
+
+    The line is fitted to all, and the values behind the last that is near it are clipped off, until none is: the
+    bound falls with what is clipped, down to the scatter of the values on the line.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+        rad.
+    """
+    n = len(values)
+    while n > _LEAST_ON_LINE:
+        place = np.arange(n) - 0.5 * (n - 1)
+        level = values[:n] - values[:n].mean()
+        residual = np.abs(level - place * (place @ level / (place @ place)))
+        bound = _CLIP * math.sqrt(float(residual @ residual) / n) + _ROUNDING
+        last = int(np.flatnonzero(residual < bound)[-1]) + 1
+        if last == n:
+            break
+        n = last
+    return n

@@ -11,10 +11,17 @@ A base at rest is still in two ways, and both are asked for:
   without shaking: then there is no stop until the velocity says so.
 
 A base that rocks without end (people in a car, swell) stands when its velocity over 10 s is that of tilt and biases
-but for a few cm/s, and it does not turn. A stop, once found, ends only when the base travels: rocking is none as long
-as the velocity stays under ``max_speed``. A gap in the stream ends the stop, when it is longer than 1 s.
+but for a few cm/s, and it does not turn. A stop, once found, ends when the base
+
+- travels: rocking is none as long as the velocity stays under ``max_speed``;
+- is turned where it stands: yaw leaves its mean over 20 s by 5° and what drift may do, or the base is still, tilted by
+  5° since it was still before. Swaying and rocking by as much is no turn;
+- or after a gap in the stream of more than 1 s.
 
 What cannot be told: a recording that starts in even motion, without shaking, looks like rest.
+
+What is learnt at a stop is what rest alone can show: that there is no velocity, and no yaw on the whole. A mean rate of
+some seconds is no gyro bias, slow rocking looks the same. When velocity runs away all the same, all is forgotten.
 
 Samples are summed over blocks of 0.1 s, so that vibration of tens of Hz averages out; all tests are made once a block.
 
@@ -36,13 +43,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from ins_nav.dead_reckoning import LONG_BLOCK, DeadReckoning
+from ins_nav.dead_reckoning import BLOCK, LONG_BLOCK, DeadReckoning, TurnWatch
 from ins_nav.parameters import Value
 from ins_nav.strapdown import Sample
 
 _MICRO_G = 9.80665e-6
-_BLOCK = 0.1
-"""s: ten means a second resolve a body's motion on its springs (1 to 2 Hz), and average an engine's."""
 _LONGEST_GAP = 1.0
 """s: over a longer gap a stop is not certain any more. A car gains 3 m/s in it."""
 _HISTORY = 100
@@ -70,6 +75,10 @@ _ARRIVAL_ALARM = 0.05
 """Probability to wait for more: the standard deviation grows with time, a creep that is taken for a stop does harm."""
 _EPOCHS = 10
 """Windows of a stop that can be taken back when it ends: a slow start looks like rest at first."""
+_TURN_EPOCHS = 40
+"""Windows that can be taken back after a turn, which shows later than travel does."""
+_TURN_GOES_ON = math.radians(0.1)
+"""Who has turned by more in 10 s may be ending a turn gently."""
 _EPOCH_MARGIN = 1_000_000_000
 """ns before the estimated start that are taken back too, and as long again as the start was not noticed."""
 _SMOOTHING = 0.02
@@ -84,6 +93,8 @@ _NOISE_FLOOR = 0.005
 
 _Place = tuple[int, float, float, float, float, float, float]
 """Stamp; mean over the block that ends there of the horizontal velocity (2) and of the integral (3); yaw."""
+_Epoch = tuple[int, DeadReckoning, list[tuple[int, Any]]]
+"""Stamp, state then, and the stamped blocks since."""
 
 
 class Change(NamedTuple):
@@ -181,9 +192,9 @@ class StopDetector:
         alarm = self.limits.false_alarm
         self._arrival_threshold = float(stats.chi2.isf(_ARRIVAL_ALARM, 4))
         self._sigmas = math.sqrt(float(stats.chi2.isf(alarm, 2)))
-        self._size = round(self.limits.window / _BLOCK)
+        self._size = round(self.limits.window / BLOCK)
         self._shake_threshold = float(stats.chi2.isf(alarm, 6 * self._size - 3))
-        given = self.limits.gyro_noise / math.sqrt(_BLOCK), self.limits.accel_noise / math.sqrt(_BLOCK)
+        given = self.limits.gyro_noise / math.sqrt(BLOCK), self.limits.accel_noise / math.sqrt(BLOCK)
         unknown = self.limits.sway, self.limits.vibration
         self.noise = unknown[0] if math.isnan(given[0]) else given[0], unknown[1] if math.isnan(given[1]) else given[1]
         self._least = [math.inf, math.inf]
@@ -202,8 +213,9 @@ class StopDetector:
         self.shake = math.inf
         self._reckoning.lose_track()
         self._blocks: deque[tuple[float, ...]] = deque(maxlen=self._size + 1)
-        self._epochs: deque[tuple[int, DeadReckoning, list[tuple[int, Any]]]] = deque(maxlen=_EPOCHS)
+        self._epochs: deque[_Epoch] = deque(maxlen=_TURN_EPOCHS)
         self._track: deque[_Place] = deque(maxlen=_HISTORY)
+        self._turns = TurnWatch()
         self._still = self._sure = self._glided = 0
         self._doubt = self._glide_speed = 0.0
         self._glide = 0j
@@ -256,7 +268,7 @@ class StopDetector:
         self._tz = mz + half * wz
         self._time += h
         self.stamp_ns = stamp_ns
-        if self._time < _BLOCK - half:
+        if self._time < BLOCK - half:
             return None
         return self._end_block()
 
@@ -278,6 +290,9 @@ class StopDetector:
         self._rest_of_block = tuple(m - v for m, v in zip(mean, velocity, strict=True))
         block = time, turn, velocity, mean, gyro, accel
         reckoning.propagate(*block)
+        if reckoning.absurd:
+            self._reckoning = DeadReckoning()
+            return self._gap(self.stamp_ns)
         if self._epochs:
             self._epochs[-1][2].append((self.stamp_ns, block))
         if time > LONG_BLOCK:
@@ -285,14 +300,15 @@ class StopDetector:
             self._track.clear()
             self._still = 0
         self._track.append((self.stamp_ns, *reckoning.mean_velocity, *reckoning.mean_integral, reckoning.yaw))
+        self._turns.append(self.stamp_ns, reckoning)
         self._blocks.append((turn[0] / time, turn[1] / time, turn[2] / time, fx, fy, fz))
         if len(self._blocks) <= self._size:
             return None
-        mean_rate, spread = self._test(gyro, accel)
-        return self._stay(mean_rate, spread) if self.stopped else self._arrive(accel)
+        spread = self._test(gyro, accel)
+        return self._stay(spread) if self.stopped else self._arrive(accel)
 
-    def _test(self, gyro: float, accel: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """The likelihood ratio over the window; its mean rate, and its sums of squares about the means."""
+    def _test(self, gyro: float, accel: float) -> NDArray[np.float64]:
+        """The likelihood ratio over the window; its sums of squares about the means."""
         n, limits = self._size, self.limits
         blocks = np.array(self._blocks)[1:]
         mean = blocks.sum(axis=0) / n
@@ -304,14 +320,14 @@ class StopDetector:
         turning = float((offset * offset / (rate2 / n + variance)).sum())
         self.shake = ((wx + wy + wz) / rate2 + (fx + fy + fz) / force2 + turning) / self._shake_threshold
         self._still = self._still + 1 if self.shake < 1.0 else 0
-        return mean[:3], spread
+        return spread
 
     def _arrive(self, accel: float) -> Change | None:
         """While moving: has a stop begun?"""
         reckoning, tracked = self._reckoning, len(self._track)
         if self._smooth():
             return None
-        needed = max(self._size, round(self.limits.min_duration / _BLOCK))
+        needed = max(self._size, round(self.limits.min_duration / BLOCK))
         if self._still and self._size + self._still > needed and tracked >= self._size:
             blocks, order, tolerance = min(needed, tracked), 1, _START_SPEED
         elif not self._still and tracked == _HISTORY and self.stamp_ns >= self._next_sway_ns:
@@ -331,12 +347,18 @@ class StopDetector:
         noise = _REST_SPEED**2, (accel**2 + self.limits.vibration**2) / self._size
         if reckoning.rest_distance(trend[1, :2], *noise) > self._arrival_threshold:
             return None
+        began = self._began(blocks, trend[:, :2])
+        if abs(self._track[-1][6] - self._track[0][6]) > _TURN_GOES_ON:
+            if self._still and self._turns.ends_gently(self._size, self._sigmas):
+                return None
+            began = self._turns.turn_ended(began)
         self.stopped = True
-        self.since_ns = self._began(blocks, trend[:, :2])
+        self.since_ns = max(began, self.since_ns)
         self._doubt = min(reckoning.speed_stddev, _ROLL)
         self._sure = self._glided = self._due = 0
         self._glide_speed = 0.0
-        reckoning.rest(_REST_SPEED, None, 0.0)
+        reckoning.rest(_REST_SPEED)
+        self._turns.stand(reckoning)
         self._track.clear()  # velocities before this correction are no measure of those after it
         return Change(True, self.since_ns, self.stamp_ns)
 
@@ -365,17 +387,13 @@ class StopDetector:
 
     def _began(self, blocks: int, trend: NDArray[np.float64]) -> int:
         """When the speed fell to zero, given that the base stands since some blocks and what it seemed to do then."""
-        trend_x, trend_y = trend.T[:, ::-1].tolist()
-        track = list(self._track)
-        began = track[-blocks][0]
-        for stamp, _, _, x, y, _, _ in reversed(track[-blocks - round(_LOOK_BACK / _BLOCK) :]):
-            age = (stamp - self.stamp_ns) * 1e-9
-            if math.hypot(x - _polynomial(trend_x, age), y - _polynomial(trend_y, age)) > _START_SPEED:
-                break
-            began = stamp
-        return began
+        before = list(self._track)[-blocks - round(_LOOK_BACK / BLOCK) :]
+        age = np.array([place[0] - self.stamp_ns for place in before]) * 1e-9
+        off = np.array([place[3:5] for place in before]) - np.vander(age, len(trend), increasing=True) @ trend
+        moving = np.flatnonzero(np.hypot(*off.T) > _START_SPEED)
+        return before[min(int(moving[-1]) + 1, len(before) - 1) if len(moving) else 0][0]
 
-    def _stay(self, mean_rate: NDArray[np.float64], spread: NDArray[np.float64]) -> Change | None:
+    def _stay(self, spread: NDArray[np.float64]) -> Change | None:
         """While at a stop: has it ended? Otherwise learn from it."""
         limits, reckoning = self.limits, self._reckoning
         still = self.shake < 1.0
@@ -383,43 +401,53 @@ class StopDetector:
         latest = [self._track[-i] for i in range(1, min(len(self._track), self._size) + 1)]
         mean_speed = math.hypot(sum(v[1] for v in latest), sum(v[2] for v in latest)) / len(latest)
         fast = mean_speed > limits.max_speed + margin or reckoning.speed > 2.0 * limits.max_speed + margin
-        if fast and self._epochs:
-            return self._leave()
+        if (self._turns.turned(reckoning, self._sigmas) or fast) and self._epochs:
+            return self._leave(fast)
         if still:
             self._learn(spread)
+        # a tilt has ended already: the velocity was held all the time, nothing is to be taken back
+        tilted_ns = self._turns.tilted(reckoning, self.since_ns) if self._still > 2 * self._size else 0
+        if tilted_ns:
+            self._track = deque(list(self._track)[-2 * self._size :], _HISTORY)
+            return self._end(tilted_ns)
         self._due -= 1
         if self._due <= 0:
             self._due = self._size
             self._epochs.append((self.stamp_ns, copy.copy(reckoning), []))
-        whole = still and self._due == self._size  # windows overlap: their mean rate is news once a window
-        speed_noise = _REST_SPEED * max(0.1, math.sqrt(self.shake)) if still else limits.max_speed
-        reckoning.rest(speed_noise, mean_rate if whole else None, limits.sway)
+            self._turns.learn(reckoning, self._size, limits.sway)
+        reckoning.rest(_REST_SPEED * max(0.1, math.sqrt(self.shake)) if still else limits.max_speed)
         return None
 
-    def _leave(self) -> Change:
+    def _leave(self, travels: bool) -> Change:
         """The stop is over, and was for a while: take back what was learnt from it since it seems to have ended."""
-        reckoning, track, ended = self._again(0)
+        turns = self._turns.turn_began(self._reckoning, self.since_ns)
+        epochs, ended, least = list(self._epochs), turns, 0
+        if travels:
+            # of a short stop half is kept in any case: taken back as a whole it would teach nothing
+            least = 0 if len(epochs) >= _EPOCHS else len(epochs) // 2
+            epochs = epochs[-_EPOCHS:]
+            ended = min(turns, self._again(epochs)[2])
         start = ended - (self.stamp_ns - ended) - _EPOCH_MARGIN
-        # of a short stop half is kept in any case: taken back as a whole it would teach nothing
-        least = 0 if len(self._epochs) == _EPOCHS else len(self._epochs) // 2
-        last = max((i for i, epoch in enumerate(self._epochs) if epoch[0] <= start), default=least)
-        last = max(last, least)
-        if last > 0:
-            reckoning, track, ended = self._again(last)
+        last = max((i for i, epoch in enumerate(epochs) if epoch[0] <= start), default=0)
+        reckoning, track, stood = self._again(epochs[max(last, least) :])
+        if travels:
+            ended = min(turns, stood)
         if self.stamp_ns - self.since_ns < _CERTAIN * 1e9:
             reckoning.doubt_velocity(self._doubt)
         self._reckoning = reckoning
         self._track.clear()
         self._track.extend(track)
+        self._still = 0
+        return self._end(ended)
+
+    def _end(self, ended: int) -> Change:
         self._epochs.clear()
         self.stopped = False
         self.since_ns = ended
-        self._still = 0
         return Change(False, ended, self.stamp_ns)
 
-    def _again(self, first: int) -> tuple[DeadReckoning, list[_Place], int]:
-        """Dead reckoning from one of the epochs to now, its track, and when the base was last seen to stand."""
-        epochs = list(self._epochs)[first:]
+    def _again(self, epochs: list[_Epoch]) -> tuple[DeadReckoning, list[_Place], int]:
+        """Dead reckoning from the first of the epochs to now, its track, and when the base was last seen to stand."""
         reckoning = copy.copy(epochs[0][1])
         track, ended = [], epochs[0][0]
         for stamp, block in (block for epoch in epochs for block in epoch[2]):
@@ -444,11 +472,3 @@ class StopDetector:
                 self._least[i] = least
                 noise[i] = max(math.sqrt(least), _NOISE_FLOOR * floor)
         self.noise = noise[0], noise[1]
-
-
-def _polynomial(coefficients: list[float], x: float) -> float:
-    """Highest power first."""
-    value = 0.0
-    for coefficient in coefficients:
-        value = value * x + coefficient
-    return value
