@@ -184,4 +184,4 @@ def test_stops_are_told_services_called_and_a_loop_starts_again(
     with BagReader(out) as reader:
         assert reader.topics["/stopped"].latched
         stopped = [reader.deserialize(raw).data for raw in reader.messages(["stopped"])]
-    assert stopped == [True, True, False, False, True]  # by stamp: both rounds
+    assert stopped == [False, True, True, False, False, True]  # by stamp: both rounds
