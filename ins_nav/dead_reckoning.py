@@ -219,14 +219,43 @@ class DeadReckoning:
 
     def rest_distance(self, acceleration: NDArray[np.float64], speed_noise2: float, accel_noise2: float) -> float:
         """Squared Mahalanobis distance of velocity and mean acceleration, m/s², from zero."""
-        h = np.zeros((4, 12))
-        h[0, 0] = h[1, 1] = 1.0
-        h[2, 3], h[3, 2] = _GRAVITY, -_GRAVITY
-        h[2:, _ACCEL] = -self._rotation[:2]
+        h = np.vstack([_H_V, self._acceleration_of()])
         s = h @ self._p @ h.T
         s.flat[::5] += [speed_noise2, speed_noise2, accel_noise2, accel_noise2]
         z = np.array([*self.velocity, *acceleration])
         return float(z @ np.linalg.solve(s, z))
+
+    def coast(self, acceleration: NDArray[np.float64], noise: float, gate: float) -> bool:
+        """The base goes on evenly, or stands: it has no acceleration but what tilt and biases feign.
+
+        Parameters
+        ----------
+        acceleration : ndarray, shape (2,)
+            Mean as reckoned, m/s².
+        noise : float
+            Standard deviation of the true one, m/s².
+        gate : float
+            Squared Mahalanobis distance from which on the acceleration is a true one, and nothing is done.
+
+        Returns
+        -------
+        bool
+            Whether it agrees with zero.
+        """
+        h = self._acceleration_of()
+        s = h @ self._p @ h.T
+        s.flat[::3] += noise**2
+        if float(acceleration @ np.linalg.solve(s, acceleration)) > gate:
+            return False
+        self._update(h, -acceleration, noise**2)
+        return True
+
+    def _acceleration_of(self) -> NDArray[np.float64]:
+        """What the states do to the reckoned acceleration, shape (2, 12)."""
+        h = np.zeros((2, 12))
+        h[0, 3], h[1, 2] = _GRAVITY, -_GRAVITY
+        h[:, _ACCEL] = -self._rotation[:2]
+        return h
 
     def rest(self, speed_noise: float) -> None:
         """The base stands: velocity is zero.

@@ -67,8 +67,18 @@ _ROLL = 1.0
 """m/s: whoever rolls faster shakes."""
 _GLIDES = 0.1
 """Share of the time surely spent moving: a carrier that is still for more of it is a smooth one (a ship, a train)."""
-_GLIDE_RATE = 0.01
-"""Share of a block in the mean velocity of a creep, which follows the drift of dead reckoning: 10 s."""
+_GLIDES_KEPT = 300
+"""Velocities of even gliding that are kept, one a second."""
+_GLIDE_SPREAD = 0.3
+"""Of these velocities: what the next glide may differ by, standard deviation."""
+_GLIDE_TIME = 30.0
+"""s: a stillness of so long is half as likely for a glide as for a stop."""
+_ODDS = 20.0
+"""A stop is so many times likelier than a glide."""
+_EVENNESS = 0.02
+"""1/s: acceleration of an even glide over 1 s, standard deviation, of its speed."""
+_EVEN = 0.03
+"""m/s²: but not more."""
 _CERTAIN = 5.0
 """s: a shorter stop may have been an even roll, if the velocity was not well known when it began."""
 _ARRIVAL_ALARM = 0.05
@@ -217,8 +227,8 @@ class StopDetector:
         self._track: deque[_Place] = deque(maxlen=_HISTORY)
         self._turns = TurnWatch()
         self._still = self._sure = self._glided = 0
-        self._doubt = self._glide_speed = 0.0
-        self._glide = 0j
+        self._doubt = 0.0
+        self._glides: deque[complex] = deque(maxlen=_GLIDES_KEPT)
         self._next_sway_ns = self._due = 0
         self._rest_of_block: tuple[float, ...] = (0.0, 0.0, 0.0)
         self._clear_block()
@@ -325,7 +335,7 @@ class StopDetector:
     def _arrive(self, accel: float) -> Change | None:
         """While moving: has a stop begun?"""
         reckoning, tracked = self._reckoning, len(self._track)
-        if self._smooth():
+        if self._may_glide():
             return None
         needed = max(self._size, round(self.limits.min_duration / BLOCK))
         if self._still and self._size + self._still > needed and tracked >= self._size:
@@ -356,34 +366,37 @@ class StopDetector:
         self.since_ns = max(began, self.since_ns)
         self._doubt = min(reckoning.speed_stddev, _ROLL)
         self._sure = self._glided = self._due = 0
-        self._glide_speed = 0.0
+        self._glides.clear()
         reckoning.rest(_REST_SPEED)
         self._turns.stand(reckoning)
         self._track.clear()  # velocities before this correction are no measure of those after it
         return Change(True, self.since_ns, self.stamp_ns)
 
-    def _smooth(self) -> bool:
-        """Whether stillness says nothing: this drive has been without shaking before, and may be so now."""
+    def _may_glide(self) -> bool:
+        """Whether stillness says little: this drive has been without shaking before, and may be so now."""
         reckoning = self._reckoning
         speed, stddev = reckoning.speed, reckoning.speed_stddev
-        vx, vy = reckoning.velocity
-        along = complex(vx, vy) * cmath.exp(-1j * reckoning.yaw)  # carriers mostly go where they point
+        even = self._still > self._size
+        along = complex(*reckoning.velocity) * cmath.exp(-1j * reckoning.yaw)  # carriers mostly go where they point
         if speed > self._sigmas * stddev + self.limits.max_speed:
             self._sure += 1
-            if self._still:
-                self._glide = along if self._glided == 0 else self._glide
-                self._glided += 1
-                self._glide_speed += speed
-        if self._glided <= _GLIDES * self._sure:
+            self._glided += even
+            if even and self._still % self._size == 0:
+                self._glides.append(along)
+        if not self._glides or self._glided <= _GLIDES * self._sure:
             return False
-        half = 0.5 * self._glide_speed / self._glided
-        if half > 0.5 * _ROLL:
-            return max(speed, stddev) > half
-        # a creep: its end is a change of velocity, which shows longer than the velocity itself is known
-        on = abs(along - self._glide) < half if stddev > 0.5 * half else speed > half
-        if self._still and on:
-            self._glide += _GLIDE_RATE * (along - self._glide)
-        return on
+        glides = np.array(self._glides)
+        if even and self._still % self._size == 0:
+            now, before = self._track[-1], self._track[-1 - self._size]
+            interval = (now[0] - before[0]) * 1e-9
+            change = np.array(now[3:5]) - np.array(before[3:5])
+            reckoning.coast(change / interval, min(_EVEN, _EVENNESS * float(np.abs(glides).mean())), self._sigmas**2)
+        variance = stddev**2 + _REST_SPEED**2
+        spread = variance + (_GLIDE_SPREAD * np.abs(glides)) ** 2
+        distance2 = np.minimum(np.abs(along - glides), np.abs(along + glides)) ** 2
+        glide = float(np.mean(variance / spread * np.exp(-0.5 * distance2 / spread)))
+        stand = math.exp(-0.5 * speed**2 / variance) * (1.0 + self._still * BLOCK / _GLIDE_TIME)
+        return stand < _ODDS * glide
 
     def _began(self, blocks: int, trend: NDArray[np.float64]) -> int:
         """When the speed fell to zero, given that the base stands since some blocks and what it seemed to do then."""

@@ -141,15 +141,15 @@ def test_position_parameters_go_before_fixes() -> None:
 
 
 def test_waiting_for_a_position_for_long() -> None:
-    """Ten times the alignment: memory is bounded, and the alignment better for it."""
+    """Many times the alignment: memory is bounded, and the alignment better for it."""
     n = Navigator({"alignment.duration": 5.0})
-    s = simulate("static", 0, duration=60.0, rate=50.0)
+    s = simulate("static", 0, duration=70.0, rate=50.0)
     values = np.c_[s.angular_velocity, s.linear_acceleration].tolist()
     for stamp, row in zip(s.stamps_ns[:-1], values[:-1], strict=True):
         n.add_imu(int(stamp), *row)
     assert n.state is None and n.progress == 1.0
     assert len(n._alignment.cone._blocks) < 240
-    assert len(n._alignment.cone._samples) <= 5 * 50 + 1
+    assert len(n._alignment.cone._samples) <= 60 * 50 + 1  # noise is judged by a minute
     n.add_fix(0, 0, 55.7, 37.6, 150.0)
     assert n.add_imu(int(s.stamps_ns[-1]), *values[-1])
     heading = attitude.heading_from_yaw(attitude.to_euler(n.state[0:4])[2])  # type: ignore[index]
