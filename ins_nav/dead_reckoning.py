@@ -1,8 +1,8 @@
 """Velocity and yaw since the last rest, dead reckoned from the IMU alone, and how far they can be trusted.
 
 A small error-state Kalman filter, made for one question: may the base be standing? It needs no position, latitude
-or heading, and takes blocks of some tens of samples. `TurnWatch` asks its attitude whether a base that stands is
-turned.
+or heading, and takes blocks of some tens of samples. `Glides` says how likely it is that a base glides, `TurnWatch`
+asks the attitude whether one that stands is turned.
 """
 
 import math
@@ -42,6 +42,16 @@ _GATE = 13.8
 """Squared distance of 0.1 % of normal pairs."""
 _ABSURD_SPEED = 5.0 * _SPEED_PRIOR
 """m/s: of no vehicle, but of a filter that is sure of a wrong gyro bias, after a minute or two."""
+_GLIDES_KEPT = 100
+"""Velocities of even gliding that are kept, one every 4 s."""
+_GLIDE_SPREAD = 0.3
+"""Of these velocities: what the next glide may differ by, standard deviation."""
+_SLOWER = 0.1
+"""Probability of a glide at any lower speed."""
+_EVENNESS = 0.005
+"""1/s: mean acceleration of an even glide over 4 s, standard deviation, of its speed."""
+_EVEN = 0.01
+"""m/s²: but not more."""
 _TILTED = math.sin(math.radians(15.0)) ** 2
 """Yaw is counted from an attitude that is at most twice this angle away: near 180° it would be undefined."""
 _CLIP = 2.0
@@ -149,6 +159,10 @@ class DeadReckoning:
     def doubt_velocity(self, stddev: float) -> None:
         """Add an error of unknown direction, m/s."""
         self._p = self._p + np.diag([stddev**2] * 2 + [0.0] * 10)
+
+    def doubt_tilt(self, stddev: float) -> None:
+        """Add an error of unknown direction, rad."""
+        self._p = self._p + np.diag([0.0] * 2 + [stddev**2] * 2 + [0.0] * 8)
 
     def propagate(self, time: float, turn: Triple, velocity: Triple, mean: Triple, gyro: float, accel: float) -> None:
         """Carry the state over a block.
@@ -309,6 +323,42 @@ def _matrix(q: Quaternion) -> NDArray[np.float64]:
             [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
         ]
     )
+
+
+class Glides:
+    """The velocities at which a carrier has been seen to go without shaking.
+
+    Attributes
+    ----------
+    velocities : deque of complex
+        Forward and left, m/s.
+    """
+
+    def __init__(self) -> None:
+        self.velocities: deque[complex] = deque(maxlen=_GLIDES_KEPT)
+
+    def unevenness(self, speed: float) -> float:
+        """Mean acceleration over 4 s of a glide, standard deviation, m/s²; the speed, m/s, is that of the first."""
+        pace = float(np.abs(np.array(self.velocities)).mean()) if self.velocities else speed
+        return min(_EVEN, _EVENNESS * pace)
+
+    def odds_of_rest(self, velocity: complex, variance: float) -> float:
+        """How much likelier rest is than one of these glides, or a slower one.
+
+        Parameters
+        ----------
+        velocity : complex
+            Reckoned now, m/s.
+        variance : float
+            Of a component, m²/s².
+        """
+        glides = np.array(self.velocities)
+        spread = variance + (_GLIDE_SPREAD * np.abs(glides)) ** 2
+        distance2 = np.minimum(np.abs(velocity - glides), np.abs(velocity + glides)) ** 2
+        glide = float(np.mean(variance / spread * np.exp(-0.5 * distance2 / spread)))
+        # the slower ones: evenly distributed from backwards to forwards
+        glide += _SLOWER * min(1.0, math.sqrt(0.5 * math.pi * variance) / float(np.abs(glides).mean()))
+        return math.exp(-0.5 * abs(velocity) ** 2 / variance) / glide
 
 
 class TurnWatch:

@@ -8,7 +8,13 @@ A base at rest is still in two ways, and both are asked for:
 - *It does not travel.* An even creep cannot be felt, its beginning can: the velocity since the last rest is dead
   reckoned, with its covariance. Only a velocity and an acceleration that agree with zero make a stop. After some
   minutes of driving the velocity says little, and the first test decides, unless this carrier has been seen to go
-  without shaking: then there is no stop until the velocity says so.
+  without shaking.
+
+A carrier that glides (a train, a ship, a robot on a smooth floor) is not asked whether it shakes, but what is likelier:
+that it stands, or that it glides on at a velocity like those seen in this drive, or a lower one. Its acceleration is
+held to be zero while the velocity goes straight on, which tells tilt and biases, so that the velocity stays known for
+minutes. The longer the stillness, the likelier a stop. When the velocity is no longer known to a fraction of
+that of the glides, stillness decides in the end, after some minutes: a stop that is never found does more harm then.
 
 A base that rocks without end (people in a car, swell) stands when its velocity over 10 s is that of tilt and biases
 but for a few cm/s, and it does not turn. A stop, once found, ends when the base
@@ -18,7 +24,9 @@ but for a few cm/s, and it does not turn. A stop, once found, ends when the base
   5° since it was still before. Swaying and rocking by as much is no turn;
 - or after a gap in the stream of more than 1 s.
 
-What cannot be told: a recording that starts in even motion, without shaking, looks like rest.
+What cannot be told: a recording that starts in even motion, without shaking, looks like rest; so does, after faster
+glides, one at less than twice the standard deviation of the velocity; and with a MEMS sensor a start so gentle that its
+acceleration grows like the error of a tilt by the gyro bias.
 
 What is learnt at a stop is what rest alone can show: that there is no velocity, and no yaw on the whole. A mean rate of
 some seconds is no gyro bias, slow rocking looks the same. When velocity runs away all the same, all is forgotten.
@@ -43,7 +51,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from ins_nav.dead_reckoning import BLOCK, LONG_BLOCK, DeadReckoning, TurnWatch
+from ins_nav.dead_reckoning import BLOCK, LONG_BLOCK, DeadReckoning, Glides, TurnWatch
 from ins_nav.parameters import Value
 from ins_nav.strapdown import Sample
 
@@ -67,20 +75,18 @@ _ROLL = 1.0
 """m/s: whoever rolls faster shakes."""
 _GLIDES = 0.1
 """Share of the time surely spent moving: a carrier that is still for more of it is a smooth one (a ship, a train)."""
-_GLIDES_KEPT = 300
-"""Velocities of even gliding that are kept, one a second."""
-_GLIDE_SPREAD = 0.3
-"""Of these velocities: what the next glide may differ by, standard deviation."""
 _GLIDE_TIME = 30.0
 """s: a stillness of so long is half as likely for a glide as for a stop."""
 _ODDS = 20.0
 """A stop is so many times likelier than a glide."""
-_EVENNESS = 0.02
-"""1/s: acceleration of an even glide over 1 s, standard deviation, of its speed."""
-_EVEN = 0.03
-"""m/s²: but not more."""
+_EVEN_BLOCKS = 40
+"""Blocks over which a glide must be even."""
+_STRAIGHT = 0.01
+"""m/s: velocity goes by a straight line when it is nowhere off by more."""
 _CERTAIN = 5.0
 """s: a shorter stop may have been an even roll, if the velocity was not well known when it began."""
+_DOUBTED_TILT = 0.01
+"""rad: and its end may have been taken for a tilt, 0.2 m/s gained in 2 s."""
 _ARRIVAL_ALARM = 0.05
 """Probability to wait for more: the standard deviation grows with time, a creep that is taken for a stop does harm."""
 _EPOCHS = 10
@@ -228,7 +234,7 @@ class StopDetector:
         self._turns = TurnWatch()
         self._still = self._sure = self._glided = 0
         self._doubt = 0.0
-        self._glides: deque[complex] = deque(maxlen=_GLIDES_KEPT)
+        self._glides = Glides()
         self._next_sway_ns = self._due = 0
         self._rest_of_block: tuple[float, ...] = (0.0, 0.0, 0.0)
         self._clear_block()
@@ -366,7 +372,7 @@ class StopDetector:
         self.since_ns = max(began, self.since_ns)
         self._doubt = min(reckoning.speed_stddev, _ROLL)
         self._sure = self._glided = self._due = 0
-        self._glides.clear()
+        self._glides.velocities.clear()
         reckoning.rest(_REST_SPEED)
         self._turns.stand(reckoning)
         self._track.clear()  # velocities before this correction are no measure of those after it
@@ -376,27 +382,31 @@ class StopDetector:
         """Whether stillness says little: this drive has been without shaking before, and may be so now."""
         reckoning = self._reckoning
         speed, stddev = reckoning.speed, reckoning.speed_stddev
-        even = self._still > self._size
         along = complex(*reckoning.velocity) * cmath.exp(-1j * reckoning.yaw)  # carriers mostly go where they point
-        if speed > self._sigmas * stddev + self.limits.max_speed:
-            self._sure += 1
-            self._glided += even
-            if even and self._still % self._size == 0:
-                self._glides.append(along)
-        if not self._glides or self._glided <= _GLIDES * self._sure:
+        sure = speed > self._sigmas * stddev + self.limits.max_speed
+        self._sure += sure
+        self._glided += sure and self._still > self._size
+        if self._glided <= _GLIDES * self._sure:
             return False
-        glides = np.array(self._glides)
-        if even and self._still % self._size == 0:
-            now, before = self._track[-1], self._track[-1 - self._size]
-            interval = (now[0] - before[0]) * 1e-9
-            change = np.array(now[3:5]) - np.array(before[3:5])
-            reckoning.coast(change / interval, min(_EVEN, _EVENNESS * float(np.abs(glides).mean())), self._sigmas**2)
-        variance = stddev**2 + _REST_SPEED**2
-        spread = variance + (_GLIDE_SPREAD * np.abs(glides)) ** 2
-        distance2 = np.minimum(np.abs(along - glides), np.abs(along + glides)) ** 2
-        glide = float(np.mean(variance / spread * np.exp(-0.5 * distance2 / spread)))
-        stand = math.exp(-0.5 * speed**2 / variance) * (1.0 + self._still * BLOCK / _GLIDE_TIME)
-        return stand < _ODDS * glide
+        if self._still and (self._still + self._size) % _EVEN_BLOCKS == 0 and self._coasts() and sure:
+            self._glides.velocities.append(along)
+        if not self._glides.velocities:
+            return False
+        odds = self._glides.odds_of_rest(along, stddev**2 + _REST_SPEED**2)
+        return odds * (1.0 + self._still * BLOCK / _GLIDE_TIME) < _ODDS
+
+    def _coasts(self) -> bool:
+        """Whether the velocity goes straight on, without acceleration: then this is learnt."""
+        if len(self._track) <= _EVEN_BLOCKS:
+            return False
+        track = np.array(list(self._track)[-_EVEN_BLOCKS - 1 :])
+        age, velocity = (track[:, 0] - self.stamp_ns) * 1e-9, track[:, 3:5]
+        basis = np.vander(age, 2, increasing=True)
+        trend = np.linalg.lstsq(basis, velocity, rcond=None)[0]
+        if np.abs(velocity - basis @ trend).max() > _STRAIGHT:
+            return False
+        noise = self._glides.unevenness(self._reckoning.speed)
+        return self._reckoning.coast(trend[1], noise, self._sigmas**2)
 
     def _began(self, blocks: int, trend: NDArray[np.float64]) -> int:
         """When the speed fell to zero, given that the base stands since some blocks and what it seemed to do then."""
@@ -447,6 +457,7 @@ class StopDetector:
             ended = min(turns, stood)
         if self.stamp_ns - self.since_ns < _CERTAIN * 1e9:
             reckoning.doubt_velocity(self._doubt)
+            reckoning.doubt_tilt(_DOUBTED_TILT)
         self._reckoning = reckoning
         self._track.clear()
         self._track.extend(track)
