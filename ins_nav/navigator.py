@@ -92,15 +92,13 @@ class Navigator:
         self.accel_bias = tuple(x * MILLI_G for x in self._vector("imu.accel_bias_mg"))
         self.gyro_bias_stddev = self._number("imu.gyro_bias_stddev_deg_per_hour") * _DEG_PER_HOUR
         self.accel_bias_stddev = self._number("imu.accel_bias_stddev_mg") * MILLI_G
-        heading = self._number("initial.heading_deg")
-        self._heading = None if math.isnan(heading) else math.radians(heading)
-        self._heading_stddev = math.radians(self._number("initial.heading_stddev_deg"))
-        self._duration = self._number("alignment.duration" if self._heading is None else "alignment.level_duration")
+        sought = math.isnan(self._number("initial.heading_deg"))
+        self._duration = self._number("alignment.duration" if sought else "alignment.level_duration")
         self.angular_velocity = (0.0, 0.0, 0.0)
         self.specific_force = (0.0, 0.0, 0.0)
         self.stamp_ns = 0
         self.changes = self.restarts = 0
-        self.stops = Stops(values)
+        self.stops = Stops(values, self.health)
         self._history = History(self._instantaneous, self._vertical)
         self._given_gyro_bias = self.gyro_bias
         self._begin()
@@ -119,6 +117,9 @@ class Navigator:
         self.attitude_covariance: NDArray[np.float64] = np.zeros((3, 3))
         self._previous: strapdown.Sample | None = None
         self._raw: strapdown.Sample = (0.0,) * 7
+        heading = self._number("initial.heading_deg")
+        self._heading = None if math.isnan(heading) else math.radians(heading)
+        self._heading_stddev = math.radians(self._number("initial.heading_stddev_deg"))
         self.gyro_bias = self._given_gyro_bias
         self.gyro_bias_covariance: NDArray[np.float64] = np.eye(3) * self.gyro_bias_stddev**2
         self.stops.restart()
@@ -140,10 +141,16 @@ class Navigator:
         self._moved_since_fix = True  # the place known so far is where it was: a newer fix is better
 
     def align(self) -> str:
-        """Start alignment again, at the place of the present solution when there is one; says what happens now."""
+        """Start alignment again, at the place of the present solution when there is one; says what happens now.
+
+        A heading that was given is not sought now either: the present solution's is kept.
+        """
         if self.state is not None:
             where = strapdown.geodetic(self.state)
             self._position = (where.lat, where.lon, where.height)
+            if self._heading is not None:  # given at the start: where it points now is what is known
+                self._heading = attitude.heading_from_yaw(attitude.to_euler(where.q_gb)[2])
+                self._heading_stddev = math.sqrt(max(self.attitude_covariance[2, 2], self.stops.covariance[3, 3]))
         self.state = None
         self.phase = Phase.COARSE if self._previous is not None else Phase.WAITING
         self._align()
@@ -327,6 +334,7 @@ class Navigator:
             self.stamp_ns,
             self.gyro_bias,  # type: ignore[arg-type]
             self.gyro_bias_covariance,
+            None if self._heading is None else self._heading_stddev**2,
         )
         if self.map is None:  # it stays where it was when alignment is repeated
             self.map = strapdown.MapFrame(lat, lon, height)

@@ -180,8 +180,8 @@ PARAMETERS = (
         "stop_detector.start_sequence",
         "zupt1",
         "zupt1: call it until it has succeeded at two stops, then zupt2; zupt2: from the first stop on; none: from "
-        "the second",
-        choices=("zupt1", "zupt2", "none"),
+        "the second; never: for a base that may drift unfelt",
+        choices=("zupt1", "zupt2", "none", "never"),
     ),
     Parameter(
         "stop_detector.zupt1_after",

@@ -106,11 +106,12 @@ class Rest:
         ZuptError
             Too short.
         """
-        if len(self._cone) == 0 or self._cone.time < MIN_DURATION:
-            raise _too_short(self._cone.time)
+        usable = min(until, self._cone.time)
+        if len(self._cone) == 0 or usable < MIN_DURATION:
+            raise _too_short(max(usable, 0.0))
         blocks, lat = self._cone.blocks(until), self._lat
-        if len(blocks.time) < _MIN_BLOCKS or until < MIN_DURATION:
-            raise _too_short(min(until, self._cone.time))
+        if len(blocks.time) < _MIN_BLOCKS:
+            raise _too_short(usable)
         path = cone_path(lat, blocks.time)
         gravity = float(np.linalg.norm(blocks.force.mean(axis=0)) / np.linalg.norm(path.mean(axis=0)))
         limits = self._cone.noise_limits(gravity, until)

@@ -20,7 +20,8 @@ class StopPolicy:
     Parameters
     ----------
     start_sequence : str
-        ``zupt1`` as above; ``zupt2``: that from the first stop on; ``none``: nothing at the first stop, then ZUPT-2.
+        ``zupt1`` as above; ``zupt2``: that from the first stop on; ``none``: nothing at the first stop, then ZUPT-2;
+        ``never``: nothing.
     zupt1_after, zupt2_after : float
         Length of a stop at the first call, s.
 
@@ -60,7 +61,7 @@ class StopPolicy:
         self.stop += 1
         self._service = "zupt1" if self._sequence == "zupt1" and self._positions < 2 else "zupt2"
         self._again = self._service
-        skipped = self._sequence == "none" and self.stop == 1
+        skipped = self._sequence == "never" or (self._sequence == "none" and self.stop == 1)
         self.due_ns = _NEVER if skipped else self._after_ns[self._service]
 
     def take(self) -> str:

@@ -28,6 +28,7 @@ from ins_nav.attitude import from_rotation_vector, multiply
 from ins_nav.coarse_alignment import Alignment
 from ins_nav.earth import RATE
 from ins_nav.gravity_cone import GravityCone
+from ins_nav.health import WARN, Health
 from ins_nav.history import History
 from ins_nav.parameters import Value
 from ins_nav.rest import MIN_DURATION, Rest, RestResult
@@ -52,10 +53,15 @@ _ARRIVAL_NS = 1_000_000_000
 _DOUBT_SIGMAS, _DOUBT_SPEED = 10.0, 2.0
 """A stop is none where the solution is faster than so many sigmas and so many m/s: even motion looks like rest, and
 sigmas go with parameters that may not be those of this IMU."""
+_LONGEST_REST = 1800.0
+"""s: a longer stop is measured anew. The axes of S are followed to the third power of the Earth's turn, and a drift
+stays what it is for so long."""
 _SAME_STOP = 1.0
 """s by which a stop may seem to have begun after coarse alignment did, and be the same."""
 _SCHULER_RATE = 1.24e-3
 """rad/s."""
+_QUARTER = 0.5 * math.pi / _SCHULER_RATE
+"""s: a quarter of Schuler's period."""
 _GRAVITY = 9.81
 _EXACT = 1e-20
 """rad²: smallest variance of an azimuth; an exact one would make matrices singular."""
@@ -126,6 +132,8 @@ class Stops:
     ----------
     values : mapping
         Of the parameters.
+    health : Health
+        Where events are counted.
 
     Attributes
     ----------
@@ -144,10 +152,11 @@ class Stops:
         Found at the beginning of the last stop, m/s.
     """
 
-    def __init__(self, values: Mapping[str, Value]) -> None:
+    def __init__(self, values: Mapping[str, Value], health: Health) -> None:
         def number(name: str) -> float:
             return float(values[name])  # type: ignore[arg-type]
 
+        self._health = health
         self.detector = StopDetector(StopLimits.from_parameters(values))
         self._instantaneous = values["imu.sampling"] == "instantaneous"
         self._zero_velocity = bool(values["zupt.zero_velocity"])
@@ -155,8 +164,6 @@ class Stops:
         self._drift_walk = number("imu.gyro_bias_walk_deg_per_hour_per_sqrt_hour") * _DEG_PER_HOUR / 60.0
         self._accel_stddev = number("imu.accel_bias_stddev_mg") * MILLI_G
         self._accel_bias: Triple = tuple(x * MILLI_G for x in values["imu.accel_bias_mg"])  # type: ignore
-        heading = number("initial.heading_stddev_deg")
-        self._given = None if math.isnan(number("initial.heading_deg")) else math.radians(heading) ** 2
         self.restart()
 
     def restart(self) -> None:
@@ -189,8 +196,9 @@ class Stops:
         stamp_ns: int,
         gyro_bias: Triple,
         gyro_bias_covariance: Array,
+        heading_variance: float | None,
     ) -> None:
-        """Alignment has ended: from here there is a state."""
+        """Alignment has ended: from here there is a state. The variance is that of a heading given, rad²."""
         self.forget()
         self._settled_ns = self._known_ns = self._held_ns = self._calibrated_ns = stamp_ns
         self._gyro_variance = alignment.gyro_noise**2
@@ -202,13 +210,13 @@ class Stops:
         self.covariance[3, 3] = max(alignment.covariance[2, 2], _EXACT)
         information = np.zeros((4, 4))
         information[:3, :3] = np.linalg.inv(drift)
-        if self._given is None:  # what was found has absorbed the east drift
+        if heading_variance is None:  # what was found has absorbed the east drift
             east = np.array(_row(state, 0))
             self.covariance[:3, 3] = self.covariance[3, :3] = drift @ east / k
             absorbed = float(east @ drift @ east) / k**2
             self.covariance[3, 3] = absorbed * (1.0 + _REGULAR) + alignment.heading_noise**2 + _EXACT
         else:
-            information[3, 3] = 1.0 / max(self._given, _EXACT)
+            information[3, 3] = 1.0 / max(heading_variance, _EXACT)
         self.level_variance = max(alignment.covariance[0, 0], alignment.covariance[1, 1])
         if not self.detector.stopped:
             return
@@ -219,7 +227,7 @@ class Stops:
             stop.turned = stop.turned - turn
             stop.removed -= float(turn @ gyro_bias)
             # a heading found is that of the middle, one given that of the end
-            stop.before = -turn if self._given is not None else -0.5 * turn
+            stop.before = -turn if heading_variance is not None else -0.5 * turn
 
     def detect(self, stamp_ns: int, sample: Sample) -> Change | None:
         """Take a sample as it came from the stream; says when a stop begins or ends."""
@@ -248,15 +256,19 @@ class Stops:
         if stamp_ns - self._settled_ns < SETTLE_NS + _BATCH_NS:
             return None
         self._settle(stamp_ns - SETTLE_NS, history, bias)
+        stop = self._stop
+        if stop is not None and stop.rest.duration > _LONGEST_REST:
+            stop.until = stop.rest.duration
+            self._stop = self._new(self._settled_ns, Rest(history.at(self._settled_ns).state), bias)
         return self._hold(_HOLD_NS, history, bias)
 
     def _new(self, stamp_ns: int, rest: Rest, bias: Triple) -> _Stop:
         """A stop that begins now, on settled data."""
         prior = self._prior(stamp_ns)
         before = self._turned - self._known_turned
-        to_start = np.eye(4)
-        to_start[3, :3] = before
-        information: Array = np.asarray(np.linalg.inv(to_start @ prior @ to_start.T), float)
+        from_start = np.eye(4)
+        from_start[3, :3] = -before
+        information: Array = np.asarray(from_start.T @ np.linalg.inv(prior) @ from_start, float)
         return _Stop(stamp_ns, rest, bias, self._turned.copy(), self._removed, prior, before, information)
 
     def _prior(self, stamp_ns: int) -> Array:
@@ -320,6 +332,7 @@ class Stops:
             self.velocity_error = math.hypot(vx, vy)
             if self.velocity_error > _DOUBT_SPEED + _DOUBT_SIGMAS * stddev:
                 self._stop, self.doubted = None, self.doubted + 1
+                self._health.note("stops doubted", WARN, f"stop not used: {self._doubt()}", self._settled_ns)
                 return None
             self.held += 1
         self._held_ns = self._settled_ns
@@ -333,17 +346,21 @@ class Stops:
         """Error of position, m, for each m/s of velocity that became wrong in a time, s, and that velocity's sigma.
 
         The regression of one on the other, over a tilt (or an accelerometer's bias) and a drift, each with its
-        sigma: between a half and a third of the time, less for long ones (Schuler oscillation).
+        sigma: between a half and a third of the time. After a quarter of Schuler's period velocity tells little of
+        position: nothing is corrected then.
         """
         if time <= 0.0:
             return 0.0, 0.0
-        angle = _SCHULER_RATE * time
+        short = min(time, _QUARTER)
+        angle = _SCHULER_RATE * short
         sine, cosine = math.sin(angle) / _SCHULER_RATE, (1.0 - math.cos(angle)) / _SCHULER_RATE**2
-        way = (time - sine) / _SCHULER_RATE**2
+        way = (short - sine) / _SCHULER_RATE**2
         tilt = (self._accel_stddev + 1e-6) ** 2
-        turn = _GRAVITY**2 * (np.trace(self.covariance[:3, :3]) / 3.0 + self._gyro_variance / time)
+        turn = _GRAVITY**2 * (np.trace(self.covariance[:3, :3]) / 3.0 + self._gyro_variance / short)
         variance = tilt * sine**2 + turn * cosine**2
-        return (tilt * sine * cosine + turn * cosine * way) / variance, math.sqrt(variance)
+        grown = (tilt * sine * cosine + turn * cosine * way) / variance
+        stddev = math.sqrt(variance * time / short)
+        return (min(grown, 0.5 * time) if time <= _QUARTER else 0.0), stddev
 
     # --- the services
 
@@ -405,16 +422,18 @@ class Stops:
         self._first = None
         correction = self._apply(found, stop, result, history)
         self._stop = self._new(correction.stamp_ns, Rest(correction.state), correction.gyro_bias)
+        self._held_ns = correction.stamp_ns
         return self._sentence(found, correction.gyro_bias, True), correction
 
     def zupt2(self, history: History, bias: Triple) -> tuple[str, Correction | None]:
         """Drifts, the azimuth trusted; parameters, results and errors as of `zupt1`."""
         stop, result = self._measured()
         found, contradicted = zupt2_update(result.measurement, stop.prior, stop.before)
+        name = "walk_deg_per_hour_per_sqrt_hour" if self.calibrations else "stddev_deg_per_hour"
         correction = self._apply(found, stop, result, history)
         text = self._sentence(found, correction.gyro_bias, False)
         if contradicted:
-            text += "; more than imu.gyro_bias_stddev_deg_per_hour allows: set it to what the gyros have"
+            text += f"; more than imu.gyro_bias_{name} allows: set it to what the gyros have"
         return text, correction
 
     def _measured(self) -> tuple[_Stop, RestResult]:
@@ -426,11 +445,7 @@ class Stops:
         """
         stop, detector = self._stop, self.detector
         if stop is None and detector.stopped:
-            raise ZuptError(
-                f"moving: the IMU seems to rest, but the solution moves at {self.velocity_error:.1f} m/s; if the "
-                "vehicle does stand, raise imu.gyro_bias_stddev_deg_per_hour and imu.accel_bias_stddev_mg to what the "
-                "IMU has"
-            )
+            raise ZuptError(f"moving: {self._doubt()}")
         if stop is None or not detector.stopped:
             since = (detector.stamp_ns - detector.since_ns) * 1e-9
             known = f" for {since:.1f} s" if detector.since_ns else ""
@@ -439,10 +454,11 @@ class Stops:
                 f"{detector.speed:.2f} m/s, shaking {detector.shake:.1f} times its limit) and call again"
             )
         if stop.rest.duration < MIN_DURATION:
+            unsettled = (detector.stamp_ns - self._settled_ns) * 1e-9
             least = MIN_DURATION + (SETTLE_NS + _BATCH_NS) * 1e-9
             raise ZuptError(
-                f"stop too short: {detector.rest_ns * 1e-9:.1f} s, at least {least:.1f} s are needed; stand still and "
-                "call again"
+                f"stop too short: {stop.rest.duration + unsettled:.1f} s since it began or ZUPT-1 succeeded, "
+                f"at least {least:.1f} s are needed; stand still and call again"
             )
         # a service called a moment later, live, is to see the same
         result = stop.rest.result(self._accel_stddev, math.floor(stop.rest.duration))
@@ -452,6 +468,12 @@ class Stops:
                 f"{math.degrees(self._max_rocking):g}; wait until the vehicle is calmer and call again"
             )
         return stop, result
+
+    def _doubt(self) -> str:
+        return (
+            f"the IMU seems to rest, but the solution moves at {self.velocity_error:.1f} m/s; if the vehicle does "
+            "stand, raise imu.gyro_bias_stddev_deg_per_hour and imu.accel_bias_stddev_mg to what the IMU has"
+        )
 
     def _apply(self, found: Calibration, stop: _Stop, result: RestResult, history: History) -> Correction:
         """The state at the settled time, level, with the azimuth corrected; what is known from now on."""

@@ -22,8 +22,8 @@ from ins_nav.navigator import Navigator
 from ins_nav.nodes import parameters, runtime
 from ins_nav.nodes.reporting import Reporter
 
-_IMU_DEPTH = 2000
-"""5 s at 400 Hz: the node is busy for some tenths of a second when it solves the alignment."""
+_IMU_DEPTH = 10_000
+"""5 s at 2000 Hz: the node is busy for up to a second when it solves the alignment or a stop."""
 _OUT_DEPTH = 200
 
 

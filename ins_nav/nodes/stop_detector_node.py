@@ -24,8 +24,8 @@ from ins_nav.nodes.reporting import Reporter
 from ins_nav.stop_detection import Change, StopDetector, StopLimits
 from ins_nav.stop_policy import StopPolicy
 
-_IMU_DEPTH = 2000
-"""5 s at 400 Hz, as `ins_node` has."""
+_IMU_DEPTH = 10_000
+"""As `ins_node` has."""
 
 
 class StopDetectorNode(Node):
