@@ -62,8 +62,8 @@ class Alignment:
         Measured specific force over normal gravity.
     rate_error : float
         Horizontal rate found less that of the Earth at this latitude, rad/s: the north gyro's bias when all is well.
-    gyro_noise : float
-        White noise of an axis, rad/√s.
+    gyro_noise, accel_noise : float
+        White noise of an axis, rad/√s and m/s/√s.
     """
 
     q_gb: Quaternion
@@ -73,6 +73,7 @@ class Alignment:
     gravity_ratio: float
     rate_error: float
     gyro_noise: float
+    accel_noise: float
 
     @property
     def heading_stddev(self) -> float:
@@ -240,6 +241,7 @@ class CoarseAlignment:
             gravity / normal,
             found_rate - horizontal_rate,
             math.sqrt(float(limits[1])),
+            gravity * math.sqrt(float(limits[0]) * blocks.length),
         )
 
     def _covariance(self, fit: TrendFit, gravity: float, lat: float, rate: float) -> NDArray[np.float64]:

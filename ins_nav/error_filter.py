@@ -46,8 +46,10 @@ AGREEING = 8
 
 _SMALL = math.radians(3.0)
 """A heading error of this size is an angle: the square, which the linear model leaves out, is 0.0014."""
-_TRAVEL = 9.0
-"""Velocity squared over its variance, above which it is travel and tells of heading."""
+_TRAVEL = 25.0
+"""Velocity squared over its variance, above which it is travel and tells of heading: 4e-6 by chance."""
+_SURGE = 1.0
+"""s: correlation time of velocity that is no travel: a tenth of the period of waves."""
 
 
 class Measurement(NamedTuple):
@@ -75,6 +77,8 @@ class Solution(NamedTuple):
     """In use, rad/s."""
     travels: bool
     """`ErrorFilter.travels`."""
+    turn: float
+    """`ErrorFilter.turn`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,15 +164,8 @@ class ErrorFilter:
         diagonal[9:COSINE] = [s.stddev**2 for s in model.slow]
         diagonal[SIZE:] = [s.stddev**2 for s in own]
         self.p[ATTITUDE, ATTITUDE] = attitude_covariance
-        variance = float(attitude_covariance[2][2])
-        if variance > _SMALL**2:
-            # moments of sine and cosine of a normal angle
-            mean = math.exp(-0.5 * variance)
-            self.x[COSINE] = 1.0 - mean
-            self.p[HEADING, :] *= mean
-            self.p[:, HEADING] *= mean
-            diagonal[HEADING] = 0.5 * (1.0 - mean**4)
-            diagonal[COSINE] = 0.5 * (1.0 - mean**2) ** 2
+        if self.p[HEADING, HEADING] > _SMALL**2:
+            self._open_heading()
         self._own_walk: Array = np.array([s.walk**2 for s in own])
         self._own_rate: Array = np.array([1.0 / s.correlation_time for s in own])
         self._relaxes = any(math.isfinite(s.correlation_time) for s in (*model.slow, *own))
@@ -185,6 +182,11 @@ class ErrorFilter:
     def own(self, aid: str) -> Array:
         """The aid's own states in use."""
         return self.values[self._own[aid]]
+
+    def own_stddev(self, aid: str) -> Array:
+        """Their sigmas."""
+        stddev: Array = np.sqrt(self.p.diagonal()[self._own[aid]])
+        return stddev
 
     @property
     def heading_stddev(self) -> float:
@@ -205,9 +207,14 @@ class ErrorFilter:
         # v' P^-1 v > limit, written without the division
         return c * x * x - 2.0 * b * x * y + a * y * y > _TRAVEL * max(0.0, a * c - b * b)
 
+    @property
+    def turn(self) -> float:
+        """Mean square of a unit vector's change when the heading error is taken out."""
+        return float(self.p[HEADING, HEADING] + self.p[COSINE, COSINE] + self.x[COSINE] ** 2)
+
     def solution(self, state: State, rate: Vector, gyro_bias: Vector) -> Solution:
         """What aids see, at the state's stamp; ``rate`` has the bias removed."""
-        return Solution(state, rate, gyro_bias, self.travels(state))
+        return Solution(state, rate, gyro_bias, self.travels(state), self.turn)
 
     def propagate(self, before: State, after: State, duration: float) -> None:
         """Carry the covariance from one state of the mechanization to the next.
@@ -219,8 +226,14 @@ class ErrorFilter:
         duration : float
             s; see `ErrorModel.transition`.
         """
-        core = self.model.transition(before, after, duration, self.travels(after))
+        travels = self.travels(after)
+        core = self.model.transition(before, after, duration, travels)
         half = self.model.noise(before, after, 0.5 * duration)
+        # what turns with heading and is not in the matrix: surge, or the error of travel
+        variance = self.p[3, 3] + self.p[4, 4]
+        left = variance if travels else max(0.0, after[4] ** 2 + after[5] ** 2 - variance)
+        half[0, 0] += (walk := 0.5 * duration * _SURGE * self.turn * left)
+        half[1, 1] += walk
         size = len(self.x)
         if size > SIZE:
             full, more = np.zeros((size, size)), np.zeros((size, size))
@@ -233,6 +246,8 @@ class ErrorFilter:
         p += half
         self.p = 0.5 * (p + p.T)
         self.x = core @ self.x
+        if self.p[COSINE, COSINE] == 0.0 and self.p[HEADING, HEADING] > 4.0 * _SMALL**2:
+            self._open_heading()
         if self._relaxes:  # the value in use stays: what is true tends to the one at the start
             self.x[9:COSINE] += (1.0 - core.diagonal()[9:COSINE]) * self.values[9:COSINE]
             self.x[SIZE:] += (1.0 - core.diagonal()[SIZE:]) * self.values[SIZE:]
@@ -367,6 +382,18 @@ class ErrorFilter:
             p[VERTICAL_VELOCITY, :] = p[:, VERTICAL_VELOCITY] = 0.0
         self.p = 0.5 * (p + p.T)
         return corrected
+
+    def _open_heading(self) -> None:
+        """Heading is not known: its sine and cosine become two states, with the moments of a normal angle."""
+        p = self.p.copy()
+        variance = float(p[HEADING, HEADING])
+        mean = math.exp(-0.5 * variance)
+        p[HEADING, :] *= mean
+        p[:, HEADING] *= mean
+        p[HEADING, HEADING] = 0.5 * (1.0 - mean**4)
+        p[COSINE, COSINE] = 0.5 * (1.0 - mean**2) ** 2
+        self.p, self.x = p, self.x.copy()
+        self.x[COSINE] = 1.0 - mean
 
     def _join_heading(self) -> bool:
         """Once heading is known, let its sine and cosine belong to one angle; whether it is known."""

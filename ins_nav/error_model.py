@@ -85,6 +85,10 @@ class SlowState:
     correlation_time: float = math.inf
 
 
+ABSENT = SlowState()
+"""No such error."""
+
+
 class ErrorModel:
     """Growth of the errors between two states.
 
@@ -109,8 +113,8 @@ class ErrorModel:
         vertical: bool,
         gyro_noise: float,
         accel_noise: float,
-        gyro_bias: SlowState = SlowState(),  # noqa: B008  # immutable
-        accel_bias: SlowState = SlowState(),  # noqa: B008
+        gyro_bias: SlowState = ABSENT,
+        accel_bias: SlowState = ABSENT,
         height_walk: float = 0.0,
     ) -> None:
         self.vertical = vertical

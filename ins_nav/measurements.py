@@ -21,9 +21,11 @@ from ins_nav.attitude import rotate
 from ins_nav.earth import RATE, geodetic_to_ecef
 from ins_nav.error_filter import Measurement, Solution
 from ins_nav.error_model import (
+    ABSENT,
     ATTITUDE,
     COSINE,
     GYRO_BIAS,
+    HEADING,
     HEIGHT,
     POSITION,
     SIZE,
@@ -34,6 +36,7 @@ from ins_nav.error_model import (
     azimuth,
     rotation_matrix,
 )
+from ins_nav.zupt import StopMeasurement
 
 _NONE: Vector = (0.0, 0.0, 0.0)
 
@@ -94,7 +97,10 @@ class GnssVelocity:
         travel = swing + np.multiply(state[4:7], 1.0 if solution.travels else (0.0, 0.0, 1.0))
         _turned(h, travel)
         h[:, GYRO_BIAS] = rot_nb @ _cross_matrix(self._lever_arm)
-        return _rows(z, h, _on_n(state, covariance), self._rows, VELOCITY)
+        r = _on_n(state, covariance)
+        if not solution.travels:
+            r[:2, :2] += solution.turn * (state[4] ** 2 + state[5] ** 2) * np.eye(2)
+        return _rows(z, h, r, self._rows, VELOCITY)
 
 
 class Depth:
@@ -142,8 +148,8 @@ class Log:
         self,
         rpy: Vector = _NONE,
         lever_arm: Vector = _NONE,
-        scale: SlowState = SlowState(),  # noqa: B008  # immutable
-        misalignment: SlowState = SlowState(),  # noqa: B008
+        scale: SlowState = ABSENT,
+        misalignment: SlowState = ABSENT,
     ) -> None:
         self.states = (scale, misalignment, misalignment)
         self._rot_sb: Array = Rotation.from_euler("ZYX", rpy[::-1]).as_matrix().T
@@ -185,8 +191,8 @@ class BeaconRange:
     def __init__(
         self,
         lever_arm: Vector = _NONE,
-        scale: SlowState = SlowState(),  # noqa: B008  # immutable
-        bias: SlowState = SlowState(),  # noqa: B008
+        scale: SlowState = ABSENT,
+        bias: SlowState = ABSENT,
     ) -> None:
         self.states = (scale, bias)
         self._lever_arm = lever_arm
@@ -232,6 +238,28 @@ class ZeroYawRate:
         h[:, GYRO_BIAS] = -rotation_matrix(solution.state[0:4])  # type: ignore[arg-type]
         z = np.array([rate[2] - RATE * (1.0 - 2.0 * (ex * ex + ey * ey))])
         return Measurement(z, h[2:], np.array([[stddev**2]]), GYRO_BIAS)
+
+
+class RestRate:
+    """What is left of the rates at a stop (`ins_nav.rest`): drift, and what a wrong heading leaves of Earth's rate.
+
+    Parameters
+    ----------
+    vertical : bool
+        Only the run-off of yaw: what the horizontal rates say, velocity at rest says too.
+    """
+
+    def __init__(self, vertical: bool) -> None:
+        self._rows = slice(2, 3) if vertical else slice(0, 3)
+
+    def measure(self, solution: Solution, stop: StopMeasurement, bias: Vector) -> Measurement:
+        """The stop, and the gyro bias that was taken out then, body, rad/s."""
+        h: Array = np.zeros((3, SIZE))
+        h[:, GYRO_BIAS] = -stop.rot_sb
+        h[0, HEADING] = -stop.horizontal_rate
+        z = stop.rate - stop.rot_sb @ np.subtract(solution.gyro_bias, bias)
+        rows = self._rows
+        return Measurement(z[rows], h[rows], stop.covariance[rows, rows], GYRO_BIAS)
 
 
 class KnownDrift:

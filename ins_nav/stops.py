@@ -136,6 +136,10 @@ class Stops:
         Stops at which velocity was corrected.
     doubted : int
         Stops that were none, by the speed of the solution.
+    passive : bool
+        The filter corrects the solution: here stops are only measured.
+    accel_bias : 3 floats
+        In use, m/s².
     velocity_error : float
         Found at the beginning of the last stop, m/s.
     """
@@ -151,9 +155,10 @@ class Stops:
         self._drift_stddev = number("imu.gyro_bias_stddev_deg_per_hour") * _DEG_PER_HOUR
         self._drift_walk = number("imu.gyro_bias_walk_deg_per_hour_per_sqrt_hour") * _DEG_PER_HOUR / 60.0
         self._accel_stddev = number("imu.accel_bias_stddev_mg") * MILLI_G
-        self._accel_bias: Triple = tuple(x * MILLI_G for x in values["imu.accel_bias_mg"])  # type: ignore
+        self.accel_bias: Triple = tuple(x * MILLI_G for x in values["imu.accel_bias_mg"])  # type: ignore
         heading = number("initial.heading_stddev_deg")
         self._given = None if math.isnan(number("initial.heading_deg")) else math.radians(heading) ** 2
+        self.passive = False
         self.restart()
 
     def restart(self) -> None:
@@ -235,6 +240,10 @@ class Stops:
         self._settle(stamp_ns - SETTLE_NS, history, bias)
         return self._hold(_HOLD_NS, history, bias)
 
+    def turned_by(self, angle: float) -> None:
+        """The filter has turned the solution about the vertical, rad, left positive."""
+        self._removed -= angle
+
     def _new(self, stamp_ns: int, rest: Rest, bias: Triple) -> _Stop:
         """A stop that begins now, on settled data."""
         prior = self._prior(stamp_ns)
@@ -255,14 +264,14 @@ class Stops:
         if not entries:
             return
         stop = self._stop
-        previous = _without(history.at(self._settled_ns).raw, stop.bias, self._accel_bias) if stop else None
+        previous = _without(history.at(self._settled_ns).raw, stop.bias, self.accel_bias) if stop else None
         x = y = z = 0.0
         for entry in entries:
             h = entry.raw[0]
             ux, uy, uz = _row(entry.state, 2)
             x, y, z = x + h * ux, y + h * uy, z + h * uz
             if stop is not None and previous is not None:
-                sample = _without(entry.raw, stop.bias, self._accel_bias)
+                sample = _without(entry.raw, stop.bias, self.accel_bias)
                 stop.rest.add(previous, sample, self._instantaneous)
                 previous = sample
         turn = np.array([x, y, z])
@@ -279,7 +288,7 @@ class Stops:
         if rest_ns > self._settled_ns:
             self._settle(rest_ns, history, bias)
             correction = self._hold(_HOLD_NS // 5, history, bias)
-        elif self._zero_velocity and rest_ns < self._held_ns:
+        elif self._zero_velocity and not self.passive and rest_ns < self._held_ns:
             end = history.at(max(rest_ns, self._calibrated_ns))
             self._held_ns = end.stamp_ns
             correction = Correction(end.stamp_ns, end.state, bias)
@@ -308,7 +317,7 @@ class Stops:
                 return None
             self.held += 1
         self._held_ns = self._settled_ns
-        if not self._zero_velocity:
+        if not self._zero_velocity or self.passive:
             return None
         back = (-vx * time, -vy * time, -vz * time)
         state = strapdown.corrected(entries[-1].state, back, (-vx, -vy, -vz))
@@ -379,19 +388,21 @@ class Stops:
         seen = replace(seen, azimuth_gain=gain)
         found = zupt1(seen, two, Prior(-between, offset, first.information))
         self._first = None
+        text = self._sentence(found, stop, True)
+        if self.passive:
+            return text, None
         correction = self._apply(found, stop, result, history)
         self._stop = self._new(correction.stamp_ns, Rest(correction.state), correction.gyro_bias)
-        return self._sentence(found, correction.gyro_bias, True), correction
+        return text, correction
 
     def zupt2(self, history: History, bias: Triple) -> tuple[str, Correction | None]:
         """Drifts, the azimuth trusted; parameters, results and errors as of `zupt1`."""
         stop, result = self._measured()
         found, contradicted = zupt2_update(result.measurement, stop.prior, stop.before)
-        correction = self._apply(found, stop, result, history)
-        text = self._sentence(found, correction.gyro_bias, False)
+        text = self._sentence(found, stop, False)
         if contradicted:
             text += "; more than imu.gyro_bias_stddev_deg_per_hour allows: set it to what the gyros have"
-        return text, correction
+        return text, None if self.passive else self._apply(found, stop, result, history)
 
     def _measured(self) -> tuple[_Stop, RestResult]:
         """The present stop and what it shows.
@@ -404,7 +415,8 @@ class Stops:
         if stop is None and detector.stopped:
             raise ZuptError(
                 f"moving: the IMU seems to rest, but the solution moves at {self.velocity_error:.1f} m/s; if the "
-                "vehicle does stand, raise imu.gyro_bias_stddev_deg_per_hour and imu.accel_bias_stddev_mg to what the IMU has"
+                "vehicle does stand, raise imu.gyro_bias_stddev_deg_per_hour and imu.accel_bias_stddev_mg to what the "
+                "IMU has"
             )
         if stop is None or not detector.stopped:
             since = (detector.stamp_ns - detector.since_ns) * 1e-9
@@ -451,8 +463,8 @@ class Stops:
         self.calibrations += 1
         return Correction(entry.stamp_ns, state, bias)
 
-    def _sentence(self, found: Calibration, bias: Triple, with_azimuth: bool) -> str:
-        return replace(found, drift=np.asarray(bias)).sentence(with_azimuth)
+    def _sentence(self, found: Calibration, stop: _Stop, with_azimuth: bool) -> str:
+        return replace(found, drift=np.asarray(stop.bias) + found.drift).sentence(with_azimuth)
 
 
 def _row(state: State, i: int) -> Triple:

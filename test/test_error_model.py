@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from ins_nav import strapdown
-from ins_nav.error_model import COSINE, HEADING, SIZE, Array, ErrorModel, error_rotation
+from ins_nav.error_model import COSINE, HEADING, SIZE, Array, ErrorModel
 from ins_nav.simulation.motion import Motion, constant, sinusoid
 from ins_nav.simulation.trajectory import EarthMotion, Origin
 
