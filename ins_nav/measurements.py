@@ -57,9 +57,11 @@ class GnssPosition:
         self._rows = 2 if horizontal else 3
 
     def measure(self, solution: Solution, lat: float, lon: float, height: float, covariance: ArrayLike) -> Measurement:
-        """rad and m; covariance on east, north, up, shape (3, 3), m²."""
+        """rad and m; covariance on east, north, up, shape (3, 3), m². Height is not looked at when it is left alone."""
         state = solution.state
         arm = rotate(state[0:4], *self._lever_arm)  # type: ignore[arg-type]
+        if self._rows == 2:
+            height = state[11] + arm[2]
         away = np.array(strapdown.position_ecef(state)) - geodetic_to_ecef(lat, lon, height)
         z = np.add(_from_earth(state, away), arm)
         z[2] = state[11] + arm[2] - height  # the chord leaves the surface by d² / 2R
@@ -217,7 +219,7 @@ class BeaconRange:
 
 
 class ZeroVelocity:
-    """The carrier stands."""
+    """The carrier stands: all of its velocity is error, and nothing of it turns with attitude."""
 
     def measure(self, solution: Solution, stddev: float) -> Measurement:
         """Residual velocity of a standing carrier, each axis, m/s."""

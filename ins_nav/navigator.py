@@ -187,8 +187,9 @@ class Navigator:
     def _align(self) -> None:
         self.stops.forget()
         self._history.clear()
+        gyro_bias_stddev = math.sqrt(float(self.gyro_bias_covariance.diagonal().max()))
         self._alignment = CoarseAlignment(
-            self._duration, self.gyro_bias_stddev, self.accel_bias_stddev, self._number("alignment.max_speed")
+            self._duration, gyro_bias_stddev, self.accel_bias_stddev, self._number("alignment.max_speed")
         )
         self._moved_since_fix = True  # the place known so far is where it was: a newer fix is better
 
@@ -477,7 +478,14 @@ class Navigator:
         velocity = (east, north, up if self._vertical else 0.0)
         self.state = state = strapdown.initial_state(lat, lon, height, velocity, alignment.q_gb)
         self._history.add(self.stamp_ns, self._raw, state)
-        self.stops.begin(alignment, self._alignment.cone, state, self.stamp_ns, self.gyro_bias)  # type: ignore[arg-type]
+        self.stops.begin(
+            alignment,
+            self._alignment.cone,
+            state,
+            self.stamp_ns,
+            self.gyro_bias,  # type: ignore[arg-type]
+            self.gyro_bias_covariance,
+        )
         if self.map is None:  # it stays where it was when alignment is repeated
             self.map = strapdown.MapFrame(lat, lon, height)
         self.changes += 1

@@ -17,7 +17,7 @@ from ins_nav.attitude import Quaternion
 from ins_nav.earth import RATE
 from ins_nav.gravity_cone import GravityCone, cone_path
 from ins_nav.strapdown import Sample, State, geodetic
-from ins_nav.trend_noise import TrendNoise
+from ins_nav.trend_noise import TrendNoise, trend_basis
 from ins_nav.zupt import StopMeasurement, ZuptError
 
 Array = NDArray[np.float64]
@@ -121,25 +121,35 @@ class Rest:
         sign = (-1.0) ** np.arange(len(blocks.time))
         ends: Array = np.asarray(2.0 * sign * np.cumsum(sign * blocks.time), float)
         keep = _still(ends, blocks.force, _attitudes(rot_b0s, earth, ends, blocks.q_b0b))
-        if keep.stop - keep.start < _MIN_BLOCKS:
-            raise _too_short(blocks.length * (keep.stop - keep.start))
+        if keep.stop - keep.start < _MIN_BLOCKS or ends[keep][-1] - ends[keep][0] < 0.8 * MIN_DURATION:
+            raise ZuptError(
+                f"stop too short: the vehicle still moved in the first seconds of {self.duration:.1f} s; stand still "
+                "and call again"
+            )
         ends, middle = ends[keep], middle[keep]
         blocks = replace(blocks, time=blocks.time[keep], force=blocks.force[keep], q_b0b=blocks.q_b0b[keep])
         rate = np.zeros(3)
-        for _ in range(3):
+        noise = yaw_noise = None
+        for i in range(3):
             force_s = middle.apply(blocks.force @ rot_b0s) / gravity
             bend = _bend(rate, earth, blocks.time)
             series = force_s[:, :2] - np.column_stack([bend[:, 1], -bend[:, 0]])
-            noise = TrendNoise.of(blocks.time, float(ends[-1]), series, limits)
-            fit = noise.fit(series)
             tilted = _attitudes(rot_b0s, earth, ends, blocks.q_b0b)
             tilts = np.outer(ends, rate) + _bend(rate, earth, ends)  # a rocking body would read them as yaw
             tilts[:, 2] = 0.0
             attitudes: Array = Rotation.from_rotvec(-tilts).as_matrix() @ tilted
-            yaw = np.unwrap(np.arctan2(attitudes[:, 1, 0], attitudes[:, 0, 0]))
-            yaw_rate, yaw_variance = _yaw_rate(yaw - _bend(rate, earth, ends)[:, 2], ends, limits[1])
-            rate = np.array([-fit.slope[1], fit.slope[0], yaw_rate])
-            rot_b0s = rot_b0s @ Rotation.from_rotvec([-fit.level[1], fit.level[0], 0.0]).as_matrix()
+            yaw = np.unwrap(np.arctan2(attitudes[:, 1, 0], attitudes[:, 0, 0])) - _bend(rate, earth, ends)[:, 2]
+            yaw_series = (yaw - yaw[0])[:, None]
+            if i == 1:  # the first time only finds the axes
+                noise = TrendNoise.of(blocks.time, float(ends[-1]), series, limits)
+                yaw_noise = TrendNoise.of(ends, float(ends[-1]), yaw_series, np.array([math.inf, limits[1]]))
+            if noise is None or yaw_noise is None:
+                (level, slope), (_, yaw_slope) = _trend(blocks.time, series), _trend(ends, yaw_series)
+            else:
+                fit, yaw_fit = noise.fit(series), yaw_noise.fit(yaw_series)
+                level, slope, yaw_slope = fit.level, fit.slope, yaw_fit.slope
+            rate = np.array([-slope[1], slope[0], yaw_slope[0]])
+            rot_b0s = rot_b0s @ Rotation.from_rotvec([-level[1], level[0], 0.0]).as_matrix()
 
         mean: Array = attitudes.mean(axis=0)
         tilt = np.linalg.norm(attitudes[:, 2, :] - mean[2], axis=1)
@@ -154,7 +164,7 @@ class Rest:
             StopMeasurement(
                 mean,
                 rate,
-                np.diag([variance, variance, yaw_variance + leak]),
+                np.diag([variance, variance, yaw_fit.slope_variance + leak]),
                 float(earth[1]),
                 self.duration * mean[2],
             ),
@@ -202,8 +212,6 @@ def _attitudes(rot_b0s: Array, earth: Array, time: Array, q_b0b: Array) -> Array
     return attitudes
 
 
-def _yaw_rate(yaw: Array, time: Array, walk: float) -> tuple[float, float]:
-    """Run-off of yaw, rad/s, and its variance: b5 of the paper."""
-    series = (yaw - yaw[0])[:, None]
-    fit = TrendNoise.of(time, float(time[-1]), series, np.array([math.inf, walk])).fit(series)
-    return float(fit.slope[0]), fit.slope_variance
+def _trend(time: Array, series: Array) -> Array:
+    """Level and slope by least squares, shape (2, d)."""
+    return np.asarray(np.linalg.lstsq(trend_basis(time), series, rcond=None)[0], float)

@@ -39,13 +39,13 @@ Array = NDArray[np.float64]
 Triple = tuple[float, float, float]
 
 SETTLE_NS = 2_200_000_000
-"""ns: a start is seldom noticed later (`ins_nav.stop_detection`). Not a whole number of blocks of a measurement: a
-service called when a stop has lasted for whole seconds gives the same a moment later."""
+"""ns: a start is seldom noticed later (`ins_nav.stop_detection`). Not a whole number of seconds: a measurement is of
+whole ones, so a service called when a stop has lasted for whole seconds gives the same a moment later."""
 _BATCH_NS = 100_000_000
 """ns of data that settle at a time."""
 _HOLD_NS = 1_000_000_000
 """ns between two corrections of velocity."""
-_MARGIN = 0.5
+_MARGIN = 1.0
 """s before the vehicle is seen to move that are not counted as rest: it moves before that shows in its velocity."""
 _ARRIVAL_NS = 1_000_000_000
 """ns after which a vehicle that stopped does not swing on its springs any more."""
@@ -59,6 +59,8 @@ _SCHULER_RATE = 1.24e-3
 _GRAVITY = 9.81
 _EXACT = 1e-20
 """rad²: smallest variance of an azimuth; an exact one would make matrices singular."""
+_EXACT_DRIFT = 1e-24
+"""rad²/s²: the same of a drift, 2e-7 °/h."""
 _DEG_PER_HOUR = math.radians(1.0) / 3600.0
 MILLI_G = 9.80665e-3
 """m/s²."""
@@ -152,7 +154,6 @@ class Stops:
         self._instantaneous = values["imu.sampling"] == "instantaneous"
         self._zero_velocity = bool(values["zupt.zero_velocity"])
         self._max_rocking = math.radians(number("zupt.max_rocking_deg"))
-        self._drift_stddev = number("imu.gyro_bias_stddev_deg_per_hour") * _DEG_PER_HOUR
         self._drift_walk = number("imu.gyro_bias_walk_deg_per_hour_per_sqrt_hour") * _DEG_PER_HOUR / 60.0
         self._accel_stddev = number("imu.accel_bias_stddev_mg") * MILLI_G
         self.accel_bias: Triple = tuple(x * MILLI_G for x in values["imu.accel_bias_mg"])  # type: ignore
@@ -183,20 +184,31 @@ class Stops:
 
     # --- the stream
 
-    def begin(self, alignment: Alignment, cone: GravityCone, state: State, stamp_ns: int, gyro_bias: Triple) -> None:
+    def begin(
+        self,
+        alignment: Alignment,
+        cone: GravityCone,
+        state: State,
+        stamp_ns: int,
+        gyro_bias: Triple,
+        gyro_bias_covariance: Array,
+    ) -> None:
         """Alignment has ended: from here there is a state."""
         self.forget()
         self._settled_ns = self._known_ns = self._held_ns = self._calibrated_ns = stamp_ns
         self._gyro_variance = alignment.gyro_noise**2
         where = strapdown.geodetic(state)
         k = RATE * math.cos(where.lat)
-        variance = self._drift_stddev**2
-        self.covariance = np.diag([variance] * 3 + [max(alignment.covariance[2, 2], _EXACT)])
-        information = np.diag([1.0 / max(variance, 1e-30)] * 3 + [0.0])
+        drift = gyro_bias_covariance + _EXACT_DRIFT * np.eye(3)
+        self.covariance = np.zeros((4, 4))
+        self.covariance[:3, :3] = drift
+        self.covariance[3, 3] = max(alignment.covariance[2, 2], _EXACT)
+        information = np.zeros((4, 4))
+        information[:3, :3] = np.linalg.inv(drift)
         if self._given is None:  # what was found has absorbed the east drift
-            east = np.array(_row(state, 0)) * variance / k
-            self.covariance[:3, 3] = self.covariance[3, :3] = east
-            self.covariance[3, 3] = max(self.covariance[3, 3], variance / k**2 + _EXACT)
+            east = np.array(_row(state, 0))
+            self.covariance[:3, 3] = self.covariance[3, :3] = drift @ east / k
+            self.covariance[3, 3] = max(self.covariance[3, 3], float(east @ drift @ east) / k**2 + _EXACT)
         else:
             information[3, 3] = 1.0 / max(self._given, _EXACT)
         self.level_variance = max(alignment.covariance[0, 0], alignment.covariance[1, 1])
@@ -372,9 +384,14 @@ class Stops:
                 "call again",
                 None,
             )
-        first = self._first
-        one = first.rest.result(self._accel_stddev, first.until).measurement
-        two = result.measurement
+        first, two = self._first, result.measurement
+        try:
+            one = first.rest.result(self._accel_stddev, first.until).measurement
+        except ZuptError as error:  # it ended earlier than was known when it was kept
+            self._first = stop
+            raise ZuptError(
+                f"position 1 is of no use ({error}): this is position 1 now; turn, stop, call again"
+            ) from None
         if first is stop:
             zupt1(one, two)  # refuses: no turn
         of_bias = np.asarray(stop.bias)
@@ -431,7 +448,8 @@ class Stops:
                 f"stop too short: {detector.rest_ns * 1e-9:.1f} s, at least {least:.1f} s are needed; stand still and "
                 "call again"
             )
-        result = stop.rest.result(self._accel_stddev)
+        # a service called a moment later, live, is to see the same
+        result = stop.rest.result(self._accel_stddev, math.floor(stop.rest.duration))
         if result.rocking > self._max_rocking:
             raise ZuptError(
                 f"rocking too much: {math.degrees(result.rocking):.1f}° RMS, zupt.max_rocking_deg is "

@@ -204,7 +204,7 @@ def zupt2_update(stop: StopMeasurement, prior: Array, before: ArrayLike = (0.0, 
     h[0, 3] = -k
     limit = float(stats.chi2.ppf(_CONFIDENCE, 3))
     noise = stop.covariance + np.eye(3) * _MODEL_ERROR**2
-    p, contradicted = prior, False
+    p, contradicted = prior + np.diag([1e-30] * 3 + [0.0]), False  # variances that can be widened
     while float(stop.rate @ np.linalg.solve(h @ p @ h.T + noise, stop.rate)) > limit:
         widen = np.diag([math.sqrt(_INFLATION)] * 3 + [1.0])
         p, contradicted = widen @ p @ widen, True

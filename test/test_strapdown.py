@@ -351,3 +351,35 @@ def test_schuler_oscillation() -> None:
     end = strapdown.geodetic(tuple(strapdown.integrate(tilted, tuple(samples[0]), samples, vertical=False)[-1]))
     # Earth's rotation turns the plane of swing (Foucault) by Ω sin(lat) * 2532 s = 0.1: 1 % of it is left out
     assert end.lon * 6.378e6 * math.cos(lat) == pytest.approx(2.0 * 6.378e6 * tilt, rel=0.03)
+
+
+@given(PLACES, st.tuples(*[st.floats(-20.0, 20.0)] * 3), ATTITUDES, st.tuples(*[st.floats(-0.1, 0.1)] * 3))
+def test_corrected(
+    place: tuple[float, float, float],
+    away: tuple[float, float, float],
+    angles: tuple[float, float, float],
+    rotation: tuple[float, float, float],
+) -> None:
+    """At the poles, too; n is turned about the vertical beforehand, so that it is not east-north-up."""
+    lat, lon, height = math.radians(place[0]), math.radians(place[1]), place[2]
+    state = strapdown.initial_state(lat, lon, height, (3.0, -4.0, 0.5), attitude.from_euler(*angles))
+    q_en = attitude.multiply(state[7:11], attitude.from_rotation_vector(0.0, 0.0, 1.0))  # type: ignore[arg-type]
+    state = (*state[:7], *q_en, height)
+    found = strapdown.corrected(state, away, (0.1, -0.2, 0.3), rotation)
+    axes = Rotation.from_quat(q_en)
+    moved = axes.inv().apply(np.subtract(strapdown.position_ecef(found), strapdown.position_ecef(state)))
+    # a step along a tangent leaves the Earth by its square over twice the radius, 6e-5 m; 0.3 % of it, were the
+    # Earth a sphere, are 6e-2 m
+    np.testing.assert_allclose(moved, away, atol=2e-4)
+    turn = (axes.inv() * Rotation.from_quat(found[7:11])).as_rotvec()
+    assert turn[2] == pytest.approx(0.0, abs=1e-15)  # n goes along without turning about the vertical
+    np.testing.assert_allclose(found[4:7], [3.1, -4.2, 0.8], rtol=1e-15)
+    on_n = (Rotation.from_quat(found[:4]) * Rotation.from_quat(state[:4]).inv()).as_rotvec()
+    np.testing.assert_allclose(on_n, rotation, atol=1e-14)
+    for q in (found[:4], found[7:11]):
+        assert math.hypot(*q) == pytest.approx(1.0, abs=1e-15)
+
+
+def test_corrected_by_nothing_is_the_same() -> None:
+    state = strapdown.initial_state(1.0, 0.5, 100.0, (3.0, 4.0, 0.0), attitude.from_euler(0.1, -0.2, 2.0))
+    np.testing.assert_allclose(strapdown.corrected(state), state, rtol=1e-15, atol=1e-16)  # norms are renewed

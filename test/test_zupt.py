@@ -11,13 +11,17 @@ from scipy.spatial.transform import Rotation
 from ins_nav.earth import RATE
 from ins_nav.zupt import (
     Calibration,
+    Prior,
     StopMeasurement,
     ZuptError,
+    _residual,
     after_alignment,
+    rebased,
     zupt1,
     zupt1_linear,
     zupt1_nonlinear,
     zupt2,
+    zupt2_update,
 )
 
 Array = np.ndarray
@@ -260,6 +264,164 @@ def test_errors_of_zupt2_are_as_its_covariance_says() -> None:
         found = zupt2(_stop(rot_sb, azimuth, covariance=noise, error=NOISE * rng.standard_normal(3)), heading_stddev)
         errors.append([*(found.drift - DRIFT), found.azimuth - azimuth])
     _assert_consistent(np.array(errors), found.covariance)
+
+
+WIDE = np.diag([1e-4**2] * 3 + [1e-20])
+"""A prior that says nothing of drifts, and knows the azimuth."""
+TILTED = _position(30.0, 10.0, -5.0)
+
+
+@pytest.mark.parametrize("rot_sb", [_position(45.0), _position(-120.0, 5.0, -8.0), _position(30.0, 60.0)])
+def test_zupt2_update_is_exact_with_a_wide_prior(rot_sb: Array) -> None:
+    away = 200.0 * float(rot_sb[2] @ DRIFT)  # what yaw has run off since the start of the stop
+    found, contradicted = zupt2_update(_stop(rot_sb, away, 200.0), WIDE)
+    assert not contradicted
+    # the prior holds back by the noise over it: 2e-20 / 1e-8, and (k 1e-10)² of the azimuth's is less
+    np.testing.assert_allclose(found.drift, DRIFT, atol=1e-18)
+    assert found.azimuth == pytest.approx(away, abs=1e-15)
+
+
+def test_zupt2_update_corrects_what_has_run_off_before_the_stop() -> None:
+    before = np.array([30.0, -50.0, 900.0])  # s, turning between
+    away = float(before @ DRIFT)
+    stop = _stop(TILTED, away + 200.0 * float(TILTED[2] @ DRIFT), 200.0)
+    found, _ = zupt2_update(stop, WIDE, before)
+    # 9e-5 rad of azimuth: its square, by k, is left out
+    np.testing.assert_allclose(found.drift, DRIFT, atol=2.0 * K * away**2 + 1e-18)
+    assert found.azimuth == pytest.approx(away + 200.0 * float(TILTED[2] @ DRIFT), abs=1200.0 * 2.0 * K * away**2)
+    ignored, _ = zupt2_update(stop, WIDE)
+    assert np.abs(ignored.drift - DRIFT).max() > 1e-9  # so that the test can fail
+
+
+def test_zupt2_update_is_a_kalman_update_when_the_azimuth_is_known() -> None:
+    prior = np.zeros((4, 4))
+    prior[:3, :3] = np.array([[4.0, 1.0, 0.0], [1.0, 3.0, -0.5], [0.0, -0.5, 2.0]]) * 1e-14
+    noise = np.array([[3.0, 1.0, 0.2], [1.0, 2.0, 0.0], [0.2, 0.0, 1.0]]) * 1e-14
+    stop = _stop(TILTED, 0.0, covariance=noise)
+    found, _ = zupt2_update(stop, prior)
+    gain = prior[:3, :3] @ TILTED.T @ np.linalg.inv(TILTED @ prior[:3, :3] @ TILTED.T + noise)
+    # the model's own error, (1e-10 rad/s)², beside 1e-14
+    np.testing.assert_allclose(found.drift, gain @ stop.rate, rtol=1e-5)
+    covariance = (np.eye(3) - gain @ TILTED) @ prior[:3, :3]
+    np.testing.assert_allclose(found.covariance[:3, :3], covariance, atol=1e-5 * 4e-14)
+    assert (found.azimuth, found.covariance[3, 3]) == (0.0, 0.0)
+
+
+def test_zupt2_update_weighs_an_uncertain_azimuth_but_leaves_it() -> None:
+    """An azimuth known to 1e-2 rad says little of east, and north and up are found all the same."""
+    prior = np.diag([(3.0 * 1e-7) ** 2] * 3 + [1e-4])
+    found, _ = zupt2_update(_stop(_position(90.0), 5e-3), prior)  # body forward is north, left is west
+    assert found.azimuth == 0.0 and found.covariance[3, 3] == 1e-4
+    east, north, up = _position(90.0) @ found.drift
+    drift = _position(90.0) @ DRIFT
+    # north is off by k (1 - cos azimuth), 5e-10 rad/s; the azimuth's share in east is 1.8e-7 rad/s, of 3.6e-7 at most
+    np.testing.assert_allclose([north, up], drift[1:], atol=1e-9)
+    weight = 9e-14 / (9e-14 + K**2 * 1e-4)
+    assert east == pytest.approx(weight * (drift[0] - K * math.sin(5e-3)), rel=1e-4)
+
+
+@pytest.mark.parametrize("sigma", [1e-8, 1e-10])
+def test_a_prior_that_the_stop_contradicts_is_not_believed(sigma: float) -> None:
+    prior = np.diag([sigma**2] * 3 + [1e-20])
+    stop = _stop(TILTED, 0.0, covariance=np.diag(NOISE**2))
+    found, contradicted = zupt2_update(stop, prior)
+    assert contradicted
+    # sigmas grow until the drifts are 4 of them (3 degrees of freedom, once in 1000): at least 4e-8 rad/s, which
+    # beside a noise of 3e-9 rad/s holds back by 1/200 at most
+    np.testing.assert_allclose(found.drift, DRIFT, rtol=6e-3)
+    within, contradicted = zupt2_update(stop, np.diag([1e-14] * 3 + [1e-20]))
+    assert not contradicted
+    np.testing.assert_allclose(within.drift, DRIFT, rtol=2e-3)
+
+
+@pytest.mark.parametrize("correlation", [0.0, 0.9])
+def test_errors_of_zupt2_update_are_as_its_covariance_says(correlation: float) -> None:
+    """Drifts and azimuth drawn from the prior; after a self-alignment they are correlated."""
+    rng = np.random.default_rng(3)
+    sigma = np.array([5e-9, 5e-9, 5e-9, 2e-4])
+    prior = np.diag(sigma**2)
+    prior[0, 3] = prior[3, 0] = correlation * sigma[0] * sigma[3]
+    before, noise = np.array([20.0, -30.0, 600.0]), np.diag(NOISE**2)
+    root, errors = np.linalg.cholesky(prior), []
+    for _ in range(DRAWS):
+        *drift, known = root @ rng.standard_normal(4)
+        present = known + (before + 200.0 * TILTED[2]) @ drift
+        stop = _stop(TILTED, present, 200.0, np.array(drift), noise, NOISE * rng.standard_normal(3))
+        found, contradicted = zupt2_update(stop, prior, before)
+        if not contradicted:  # once in 1000 by design
+            errors.append([*(found.drift - drift), found.azimuth - present])
+            covariance = found.covariance
+    assert len(errors) >= DRAWS - 3
+    _assert_consistent(np.array(errors), covariance)
+    assert np.all(np.diag(covariance)[:3] < sigma[:3] ** 2)  # something was learnt
+
+
+@pytest.mark.parametrize("turn", [0.0, 1e-3, -2.5])
+@pytest.mark.parametrize("gain", [0.0, 400.0])
+def test_rebased_stop_says_the_same(turn: float, gain: float) -> None:
+    """Less a bias, on turned axes: the residual of any drift and azimuth, turned likewise, has the same size."""
+    bias = np.array([3e-7, -2e-7, 5e-7])
+    noise = np.diag(NOISE**2)
+    stop = _stop(TILTED, 0.02, gain, covariance=noise, error=np.array([4e-9, -2e-9, 1e-9]))
+    other = rebased(stop, bias, turn)
+    axes = _position(math.degrees(turn))  # components turn the other way
+    rng = np.random.default_rng(4)
+    for _ in range(5):
+        drift, azimuth = 1e-7 * rng.standard_normal(3), 0.1 * rng.standard_normal()
+        # what S has turned since by the bias now taken out is no turn by drift any more
+        new = np.array([*(drift - bias), azimuth + turn - stop.azimuth_gain @ bias])
+        old, _ = _residual(np.array([*drift, azimuth]), stop, stop)
+        moved, _ = _residual(new, other, other)
+        np.testing.assert_allclose(moved[:3], axes @ old[:3], atol=1e-19)  # rounding of rates of the size of k
+    np.testing.assert_allclose(other.rot_sb, axes @ TILTED, atol=1e-15)
+    np.testing.assert_allclose(other.covariance, axes @ noise @ axes.T, atol=1e-30)
+
+
+def test_zupt1_with_a_prior_is_consistent_and_better() -> None:
+    rng = np.random.default_rng(5)
+    sigma = np.array([4e-9, 4e-9, 4e-9, 1e-4])
+    prior = Prior(np.array([1e-8, 0.0, -1e-8]), 2e-4, np.diag(sigma**-2))
+    noise, positions, errors = np.diag(NOISE**2), GEOMETRIES["90"], []
+    gains = 300.0, 100.0
+    for _ in range(DRAWS):
+        drift = prior.drift + sigma[:3] * rng.standard_normal(3)
+        at_first = prior.azimuth + sigma[3] * rng.standard_normal()
+        present = at_first + gains[0] * positions[0][2] @ drift
+        stops = [
+            _stop(m, present, g, drift, noise, NOISE * rng.standard_normal(3))
+            for m, g in zip(positions, gains, strict=True)
+        ]
+        try:
+            found = zupt1(*stops, prior)
+        except ZuptError as error:
+            assert "inconsistent" in str(error)  # once in 1000 by design
+            continue
+        errors.append([*(found.drift - drift), found.azimuth - present])
+    assert len(errors) >= DRAWS - 3
+    _assert_consistent(np.array(errors), found.covariance)
+    alone = zupt1(*stops)
+    assert np.all(np.diag(found.covariance) < np.diag(alone.covariance))
+
+
+@pytest.mark.parametrize("wrong", [np.array([1e-6, 0.0, 0.0, 0.0]), np.array([0.0, 0.0, 0.0, 0.05])])
+def test_a_prior_that_both_stops_contradict_is_left_out(wrong: Array) -> None:
+    """100 sigma off in a drift, or in the azimuth."""
+    noise = np.diag(NOISE**2)
+    stops = [_stop(m, 1e-3, 100.0, covariance=noise) for m in GEOMETRIES["180"]]
+    prior = Prior(DRIFT + wrong[:3], 1e-3 + float(wrong[3]), np.diag([1e8**2] * 3 + [2e3**2]))
+    with_prior, alone = zupt1(*stops, prior), zupt1(*stops)
+    np.testing.assert_array_equal(with_prior.drift, alone.drift)
+    assert with_prior.azimuth == alone.azimuth
+    np.testing.assert_array_equal(with_prior.covariance, alone.covariance)
+
+
+def test_a_prior_without_information_changes_nothing() -> None:
+    noise = np.diag(NOISE**2)
+    stops = [_stop(m, 1e-3, 100.0, covariance=noise, error=NOISE) for m in GEOMETRIES["90"]]
+    with_prior, alone = zupt1(*stops, Prior(np.ones(3), 1.0, np.zeros((4, 4)))), zupt1(*stops)
+    # one iteration more: rounding
+    np.testing.assert_allclose(with_prior.drift, alone.drift, atol=1e-17)
+    assert with_prior.azimuth == pytest.approx(alone.azimuth, abs=1e-12)
 
 
 def test_sentence() -> None:
