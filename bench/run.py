@@ -17,10 +17,14 @@ ROOT = Path(__file__).resolve().parents[1]
 SECTIONS = {
     "mechanization": "errors after 600 s of motion with a perfect IMU; coning",
     "alignment": "heading on a rocking base, against its own sigma and the theoretical bound",
+    "fine": "fine alignment on a rocking base, against its own sigma and the Cramer-Rao bound; free inertial then",
     "recordings": "real recordings, by ins_process and live",
+    "aided": "real recordings with aids: accuracy, honesty of the sigmas, outages",
     "speed": "cost of a sample in the core, in the navigator, in ins_process",
     "live": "400 Hz over ROS 2: losses, latency, load",
 }
+_MODULES = {"fine": "fine_alignment", "aided": "aided_recordings"}
+"""Modules with another name than their section's."""
 
 
 @for_people("bench")
@@ -38,7 +42,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     for name in args.sections or SECTIONS:
         print(f"\n## {name}: {SECTIONS[name]}", flush=True)
         began = time.monotonic()
-        for text in importlib.import_module(f"bench.{name}").results(args.data):
+        more = {"seeds": args.seeds} if name == "fine" else {}
+        for text in importlib.import_module(f"bench.{_MODULES.get(name, name)}").results(args.data, **more):
             print(f"\n{text}", flush=True)
         print(f"\n({time.monotonic() - began:.0f} s; load now {os.getloadavg()[0]:.1f})", flush=True)
     return 0
@@ -57,6 +62,13 @@ def _section(name: str) -> str:
     return name
 
 
+def _seeds(text: str) -> int:
+    count = int(text)
+    if not 2 <= count <= 1000:
+        raise argparse.ArgumentTypeError(f"{count} is not from 2 to 1000")
+    return count
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="bench", description="Measure accuracy and speed.")
     parser.add_argument("sections", nargs="*", type=_section, metavar="SECTION", help="default: all; see --list")
@@ -64,6 +76,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--data", type=Path, default=ROOT.parent / "shared" / "data", metavar="FOLDER", help="of the recordings"
     )
+    parser.add_argument("--seeds", type=_seeds, default=100, metavar="N", help="of section fine (default: 100)")
     return parser
 
 

@@ -17,27 +17,31 @@ References
 .. [1] Vavilova, Golovan, Kozlov, Papusha, fine alignment of an AUV's INS on a rocking base.
 """
 
+import bisect
 import heapq
 import itertools
 import math
 from collections import deque
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from ins_nav import aids, strapdown
 from ins_nav.aids import Aid, Observation, Record
 from ins_nav.coarse_alignment import Alignment
+from ins_nav.earth import RATE, normal_gravity
 from ins_nav.error_filter import ErrorFilter, Measurement, Solution
-from ins_nav.error_model import ErrorModel, SlowState
+from ins_nav.error_model import COSINE, ErrorModel, SlowState, rotation_matrix
 from ins_nav.health import INFO, WARN
 from ins_nav.history import LENGTH_NS
 from ins_nav.measurements import RestRate, ZeroVelocity
 from ins_nav.navigator import Feedback, Navigator, Phase
 from ins_nav.rest import Rest
 from ins_nav.stop_detection import Change
-from ins_nav.stops import MILLI_G, SETTLE_NS, Triple
+from ins_nav.stops import DOUBT_SIGMAS, DOUBT_SPEED, MILLI_G, SETTLE_NS, Triple
 from ins_nav.zupt import ZuptError
 
 Array = NDArray[np.float64]
@@ -48,8 +52,10 @@ _EMIT_NS = 500_000_000
 """ns between two feedbacks at least, where there is news; twice that where there is none."""
 _APPLY_NS = 500_000_000
 """ns of data after which a feedback takes effect: the time its way through DDS may take without being seen."""
-_AHEAD_NS = 10_000_000_000
+_AHEAD_NS = 5_000_000_000
 """ns: a stamp further ahead of the IMU's is of another clock."""
+_SAME_NS = 1_000_000_000
+"""ns by which two alignments may begin apart and be the same."""
 _TYPICAL_NOISE = (math.radians(0.1) / 60.0, 1e-3)
 """rad/√s and m/s/√s: of a tactical IMU, where it could not be learnt at rest."""
 _HOLD = 1.0
@@ -117,9 +123,11 @@ class AidedNavigator(Navigator):
         self._segment: Rest | None = None
         self._segment_bias: Triple = (0.0, 0.0, 0.0)
         self._segment_accel: Triple = (0.0, 0.0, 0.0)
+        self._segment_turned = 0.0
         self._calls: list[int] = []
         self._mean: list[float] = [0.0] * 4
-        self.settled_ns = self._filtered_ns = self._emitted_ns = 0
+        self.settled_ns = self._filtered_ns = self._emitted_ns = self._began_ns = self._first_ns = 0
+        self._taken_ns: dict[str, int] = {}
         self._news = False
 
     def add_fix(
@@ -142,8 +150,12 @@ class AidedNavigator(Navigator):
         """
         super().add_fix(stamp_ns, status, latitude_deg, longitude_deg, height, covariance)
         place = (math.radians(latitude_deg), math.radians(longitude_deg), height)
-        if status >= 0 and abs(latitude_deg) <= 90.0 and all(map(math.isfinite, place)):
+        if status < 0 or not abs(latitude_deg) <= 90.0 or not math.isfinite(longitude_deg):
+            return  # told already
+        if math.isfinite(height):
             self._observe(aids.GNSS, stamp_ns, place, covariance, 3)
+        else:
+            self._unusable(aids.GNSS, stamp_ns, place)
 
     def add_gnss_velocity(self, stamp_ns: int, velocity: Triple, covariance: Sequence[float] = ()) -> None:
         """Take a velocity on east, north, up, m/s (up may be NaN); covariance row by row, m²/s², or empty."""
@@ -174,11 +186,13 @@ class AidedNavigator(Navigator):
         self, name: str, stamp_ns: int, value: tuple[float, ...], covariance: Sequence[float], size: int
     ) -> None:
         aid = self._aids.get(name)
-        if aid is None or self.filter is None:
+        if aid is None or self.stamp_ns == 0:
             return
         stamp_ns -= aid.settings.delay_ns
-        topic = aids.TOPICS[name]
-        if stamp_ns <= self.settled_ns:
+        topic, queue = aids.TOPICS[name], self._queue
+        if self.filter is not None and stamp_ns <= self._began_ns:
+            return
+        if self.filter is not None and stamp_ns <= self.settled_ns:
             late = (self.stamp_ns - stamp_ns) * 1e-9
             self.health.note(
                 f"{name} late",
@@ -196,8 +210,11 @@ class AidedNavigator(Navigator):
                 self.stamp_ns,
             )
             return
-        used = aid.settings.covariance(covariance, size)
-        heapq.heappush(self._queue, Observation(stamp_ns, next(self._count), name, value, used))
+        missing = [i for i, x in enumerate(value) if not math.isfinite(x)]
+        used = aid.settings.covariance(covariance, size, missing)
+        heapq.heappush(queue, Observation(stamp_ns, name, value, next(self._count), used))
+        while self.filter is None and queue and queue[0].stamp_ns < self.stamp_ns - LENGTH_NS:
+            heapq.heappop(queue)  # the filter will begin later
 
     def own_states(self, name: str) -> list[tuple[float, float]]:
         """Value and sigma of the states that an aid has in the filter."""
@@ -209,7 +226,7 @@ class AidedNavigator(Navigator):
     def call_zupt(self, stamp_ns: int) -> None:
         """A ZUPT service was called at this stamp; what the stop shows is taken where the policy says so."""
         if self._by_zupt and self.filter is not None:
-            self._calls.append(stamp_ns)
+            bisect.insort(self._calls, stamp_ns)
 
     def drain(self) -> list[Feedback]:
         """Feedback not yet taken, oldest first."""
@@ -222,13 +239,35 @@ class AidedNavigator(Navigator):
         super()._navigate(alignment, lat, lon, height)
         velocity = max(alignment.velocity_stddev, 1e-3)
         self._noise = alignment.gyro_noise, alignment.accel_noise
-        covariance = np.diag(np.square([*self.position_stddev] + [velocity] * 3 + [0.0] * 3))
-        covariance[6:9, 6:9] = alignment.covariance
-        self._filter_from(covariance)
-        self.settled_ns = self._filtered_ns = self._emitted_ns = self.stamp_ns
+        covariance = np.zeros((15, 15))
+        covariance[0:6, 0:6] = np.diag(np.square([*self.position_stddev] + [velocity] * 3))
+        covariance[6:15, 6:15] = self._attitude_and_biases(alignment, lat, height)
+        self._filter_from(covariance, self.stamp_ns)
         self._before = self._raw
-        if self.stops.detector.stopped:
-            self._stops.append([self.stops.detector.since_ns, 2**63])
+
+    def _attitude_and_biases(self, alignment: Alignment, lat: float, height: float) -> Array:
+        """Covariance of attitude and both biases after coarse alignment, shape (9, 9).
+
+        That takes gravity and its motion as measured: level holds the accelerometers' biases, heading the east gyro's.
+        The filter must know, or it would take the same data for news once more.
+        """
+        cone, gravity = self._alignment.cone, alignment.gravity_ratio * normal_gravity(math.sin(lat), height)
+        turns = Rotation.from_quat(cone.q_b0b).inv() * Rotation.from_quat(cone.blocks().q_b0b)
+        east, north, _ = rotation_matrix(alignment.q_gb) @ turns.as_matrix().mean(axis=0)  # of the body, on average
+        biases = np.diag([self.gyro_bias_stddev**2] * 3 + [self.accel_bias_stddev**2] * 3)
+        level = self.accel_bias_stddev**2 / gravity**2
+        known, by_bias = np.array([level, level, 0.0]), np.zeros((3, 6))
+        by_bias[0, 3:], by_bias[1, 3:] = -north / gravity, east / gravity
+        if self._heading is None:
+            rate, up = RATE * math.cos(lat) + alignment.rate_error, RATE * math.sin(lat)
+            by_bias[2] = np.concatenate([-east, up / gravity * east]) / rate
+            known[2] = (self.gyro_bias_stddev**2 + up**2 * level) / rate**2
+        covariance = np.zeros((9, 9))
+        covariance[0:3, 0:3] = alignment.covariance - np.diag(known) + by_bias @ biases @ by_bias.T
+        covariance[0:3, 3:9] = by_bias @ biases
+        covariance[3:9, 0:3] = covariance[0:3, 3:9].T
+        covariance[3:9, 3:9] = biases
+        return covariance
 
     def adopt(self, feedback: Feedback, aligned_ns: int) -> bool:
         """Go on from the solution of a navigator that aligned before this one began; whether that was taken.
@@ -240,29 +279,30 @@ class AidedNavigator(Navigator):
         aligned_ns : int
             Stamp at which its alignment ended.
         """
-        recent = list(self._recent)
-        if self.filter is not None or not recent or aligned_ns - round(self._duration * 1e9) >= recent[0][0]:
+        began_ns = aligned_ns - round(self._duration * 1e9)
+        if self.filter is not None or began_ns > self._first_ns - _SAME_NS:
             return False
-        before = [raw for stamp_ns, raw in recent if stamp_ns <= feedback.stamp_ns]
-        if not before or len(before) == len(recent):
-            return False  # older than what is known here, or newer
+        recent = list(self._recent)
+        stamps = [stamp_ns for stamp_ns, _ in recent]
+        if feedback.stamp_ns not in stamps:
+            return False  # older than what is known here, or newer, or of a sample that was lost
+        now = stamps.index(feedback.stamp_ns)
         self.state, self.gyro_bias, self.accel_bias = feedback.state, feedback.gyro_bias, feedback.accel_bias
         where = strapdown.geodetic(self.state)
         self.map = self.map or strapdown.MapFrame(where.lat, where.lon, where.height)
         self.aligned_ns = aligned_ns
         self.changes += 1
         self._noise = _TYPICAL_NOISE
-        self._filter_from(feedback.covariance)
+        self._filter_from(feedback.covariance, feedback.stamp_ns)
         if feedback.aligned:
             self.phase = Phase.NAVIGATING
-        self.settled_ns = self._filtered_ns = self._emitted_ns = feedback.stamp_ns
-        self._before = before[-1]
-        self._pending.extend(recent[len(before) :])
+        self._before = recent[now][1]
+        self._pending.extend(recent[now + 1 :])
         self.health.tell(INFO, "goes on from the solution of ins_node")
         return True
 
-    def _filter_from(self, covariance: Array) -> None:
-        """Start the filter at the present state; covariance of position, velocity and attitude on n, 9 x 9 or more."""
+    def _filter_from(self, covariance: Array, stamp_ns: int) -> None:
+        """Start the filter at the present state; its covariance on n, shape (15, 15)."""
         assert self.state is not None
         deg_per_hour = math.radians(1.0) / 3600.0
         walk = self._number("imu.gyro_bias_walk_deg_per_hour_per_sqrt_hour") * deg_per_hour / 60.0
@@ -284,12 +324,20 @@ class AidedNavigator(Navigator):
             covariance[6:9, 6:9],
             {name: aid.states for name, aid in self._aids.items() if aid.states},
         )
-        if len(covariance) > 9:
-            self.filter.p[9:15, 9:15] = covariance[9:15, 9:15]
+        self.filter.p[9:15, 9:15] = covariance[9:15, 9:15]
+        cross = covariance[6:9, 9:15].copy()
+        cross[2] *= 1.0 - self.filter.x[COSINE]  # of an unknown heading the sine
+        self.filter.p[6:9, 9:15], self.filter.p[9:15, 6:9] = cross, cross.T
         self.phase = Phase.FINE
         self._filtered = self.state
+        self.settled_ns = self._filtered_ns = self._emitted_ns = self._began_ns = stamp_ns
+        while self._queue and self._queue[0].stamp_ns <= stamp_ns:
+            heapq.heappop(self._queue)
+        if self.stops.detector.stopped:
+            self._stops.append([self.stops.detector.since_ns, 2**63])
 
     def _take(self, stamp_ns: int, from_imu: strapdown.Sample) -> bool:
+        self._first_ns = self._first_ns or stamp_ns
         new = super()._take(stamp_ns, from_imu)
         recent = self._recent
         recent.append((stamp_ns, self._raw))
@@ -330,9 +378,6 @@ class AidedNavigator(Navigator):
             self.settled_ns = stamp_ns
             self._rest(raw)
             self._before = raw
-        while self._calls and self._calls[0] <= self.stamp_ns:
-            self._calls.pop(0)
-            self._end_segment()
         self._propagate()
         self._watch()
 
@@ -352,6 +397,11 @@ class AidedNavigator(Navigator):
         aid = self._aids[seen.aid]
         if self._until_aligned and self.phase is Phase.NAVIGATING:
             return
+        if self._taken_ns.get(seen.aid) == seen.stamp_ns:
+            topic = aids.TOPICS[seen.aid]
+            self.health.note(f"{seen.aid} repeated", INFO, f"{topic}: a stamp repeated, left out", seen.stamp_ns)
+            return
+        self._taken_ns[seen.aid] = seen.stamp_ns
         assert self.filter is not None and self.state is not None
         self._propagate()
         after = (seen.stamp_ns - self.settled_ns) * 1e-9
@@ -384,9 +434,13 @@ class AidedNavigator(Navigator):
                 f"{aids.TOPICS.get(name, name)}: accepted {update.reason} (test ratio "
                 f"{update.test_ratio:.1f}): the solution was wrong by more than its sigma",
             )
-        self.state, gyro, accel = self.filter.feed_back(self.state, self.gyro_bias, self.accel_bias)  # type: ignore[arg-type]
+        before = self.state
+        self.state, gyro, accel = self.filter.feed_back(before, self.gyro_bias, self.accel_bias)  # type: ignore[arg-type]
         self._filtered, self.gyro_bias, self.accel_bias = self.state, gyro, accel
         self._news = True
+        self._segment_turned += strapdown.heading_change(before, self.state)
+        for i in (1, 2, 3):  # as if it had been so before
+            self._mean[i] += self._mean[0] * (self.state[3 + i] - before[3 + i])
 
     # --- stops
 
@@ -400,13 +454,11 @@ class AidedNavigator(Navigator):
         if not self._at_stops:
             return
         if not self._at_rest():
-            if self._segment is not None:
-                self._end_segment()
-                self._segment = None
-            self._mean = [0.0] * 4
+            self._leave(raw)
             return
         assert self.state is not None
         if self._segment is None:
+            self._called(self.settled_ns)
             self._begin_segment()
             return
         accel = self._segment_accel
@@ -416,44 +468,80 @@ class AidedNavigator(Navigator):
         mean[0] += h
         for i in (1, 2, 3):
             mean[i] += h * self.state[3 + i]
-        if mean[0] < _HOLD * (1.0 - 1e-6) or self._by_zupt:
+        if mean[0] < _HOLD * (1.0 - 1e-6):
             return
-        self._hold(raw)
-        if self._segment.duration >= _SEGMENT:
+        if self._doubted():
+            return
+        called = self._called(self.settled_ns)
+        if called or not self._by_zupt:
+            self._hold(raw)
+        self._mean = [0.0] * 4
+        if called or (not self._by_zupt and self._segment.duration >= _SEGMENT):
             self._end_segment()
 
-    def _hold(self, raw: strapdown.Sample) -> None:
-        """Mean velocity since the last time is zero."""
-        assert self.state is not None
-        mean = self._mean
-        if mean[0] > 0.0:
-            velocity = tuple(x / mean[0] for x in mean[1:])
-            self._propagate()
-            solution = self._solution((*self.state[:4], *velocity, *self.state[7:]), raw)
-            self._update("zero velocity", self.settled_ns, ZeroVelocity().measure(solution, self._stop_velocity), 1e-4)
+    def _leave(self, raw: strapdown.Sample) -> None:
+        """The settled sample is the first after a stop, or a later one."""
+        if self._segment is not None:
+            # a call made before it was seen that the stop has ended
+            called = self._called(self.settled_ns + SETTLE_NS)
+            if called and self._mean[0] >= 0.5 * _HOLD:
+                self._hold(raw)
+            if called or not self._by_zupt:
+                self._end_segment()
+            self._segment = None
         self._mean = [0.0] * 4
+
+    def _doubted(self) -> bool:
+        """Whether the stop is none, by the speed of the solution: even motion looks like rest. Then it is forgotten."""
+        assert self.filter is not None
+        time, x, y, _ = self._mean
+        stddev = math.sqrt(self.filter.p[3, 3] + self.filter.p[4, 4])
+        speed = math.hypot(x, y) / time
+        if speed <= DOUBT_SPEED + DOUBT_SIGMAS * stddev:
+            return False
+        text = f"stop: the IMU seems to rest, but the solution moves at {speed:.1f} m/s: taken for even motion"
+        self.health.note("stops doubted", INFO, text, self.settled_ns)
+        self._stops[0][1] = self.settled_ns
+        self._segment = None
+        self._mean = [0.0] * 4
+        return True
+
+    def _called(self, until_ns: int) -> bool:
+        """Whether ZUPT was called up to this stamp; such calls are done with."""
+        count = bisect.bisect(self._calls, until_ns)
+        del self._calls[:count]
+        return count > 0
+
+    def _hold(self, raw: strapdown.Sample) -> None:
+        """Mean velocity over the last second is zero."""
+        assert self.state is not None
+        time, *way = self._mean
+        self._propagate()
+        solution = self._solution((*self.state[:4], *(x / time for x in way), *self.state[7:]), raw)
+        self._update("zero velocity", self.settled_ns, ZeroVelocity().measure(solution, self._stop_velocity), 1e-4)
 
     def _begin_segment(self) -> None:
         assert self.state is not None
         self._segment = Rest(self.state)
         self._segment_bias, self._segment_accel = self.gyro_bias, self.accel_bias  # type: ignore[assignment]
+        self._segment_turned = 0.0
 
     def _end_segment(self) -> None:
         """What a time of rest has shown of drift: about the vertical, or where ZUPT was called, about all axes."""
         segment = self._segment
-        if segment is None or segment.duration < _LEAST_SEGMENT or (self._by_zupt and not self._at_rest()):
+        if segment is None or segment.duration < _LEAST_SEGMENT:
             return
         try:
             result = segment.result(0.0 if not self._by_zupt else self.accel_bias_stddev)
         except ZuptError as error:
             self.health.note("stops not measured", INFO, f"stop: {error}", self.settled_ns)
             return
-        if self._by_zupt:
-            self._hold(self._before)
         self._propagate()
         assert self.state is not None
         solution = self._solution(self.state, self._before)
-        measurement = RestRate(vertical=not self._by_zupt).measure(solution, result.measurement, self._segment_bias)
+        seen = result.measurement  # on the axes at its beginning: what heading was corrected by since is no error now
+        seen = replace(seen, rate=seen.rate - [seen.horizontal_rate * self._segment_turned, 0.0, 0.0])
+        measurement = RestRate(vertical=not self._by_zupt).measure(solution, seen, self._segment_bias)
         self._update("rest", self.settled_ns, measurement, 1e-4)
         self._begin_segment()
 
@@ -496,6 +584,8 @@ class AidedNavigator(Navigator):
             return
         assert self.filter is not None and self.state is not None
         self._emitted_ns, self._news = self.settled_ns, False
+        covariance = self.filter.p[:15, :15].copy()
+        covariance[8, 8] = max(covariance[8, 8], self.filter.heading_stddev**2)  # an angle, not its sine
         self._out.append(
             Feedback(
                 self.settled_ns,
@@ -503,7 +593,7 @@ class AidedNavigator(Navigator):
                 self.state,
                 self.gyro_bias,  # type: ignore[arg-type]
                 self.accel_bias,  # type: ignore[arg-type]
-                self.filter.p[:15, :15],
+                covariance,
                 self.phase is Phase.NAVIGATING,
             )
         )

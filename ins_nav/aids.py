@@ -19,6 +19,8 @@ from ins_nav.parameters import Value
 GNSS, GNSS_VELOCITY, LOG, DEPTH = "gnss", "gnss_velocity", "log", "depth"
 TOPICS = {GNSS: "gnss/fix", GNSS_VELOCITY: "gnss/velocity", LOG: "log", DEPTH: "depth"}
 """Topic of each aid, to be named in messages for people."""
+_HUGE = 1e30
+"""Square of a sigma that nobody means."""
 
 
 class Observation(NamedTuple):
@@ -28,17 +30,17 @@ class Observation(NamedTuple):
     ----------
     stamp_ns : int
         When it was measured: the delay is taken off.
-    serial : int
-        Tells apart those of one stamp.
     aid : str
     value : tuple of floats
+    serial : int
+        Tells apart those that are alike.
     covariance : ndarray
     """
 
     stamp_ns: int
-    serial: int
-    aid: str
+    aid: str  # before the serial: the order of arrival must not matter
     value: tuple[float, ...]
+    serial: int
     covariance: Array
 
 
@@ -88,7 +90,7 @@ class Settings:
             number("gate"),
         )
 
-    def covariance(self, given: Sequence[float], size: int) -> Array:
+    def covariance(self, given: Sequence[float], size: int, missing: Sequence[int] = ()) -> Array:
         """Covariance to use, shape (size, size): the one given, but no less than the least; the default for none.
 
         Parameters
@@ -96,11 +98,16 @@ class Settings:
         given : sequence of float
             Empty, or size² numbers; one that is not positive, or not a number, is none.
         size : int
+        missing : sequence of int
+            Axes not measured: whatever is given for them is not looked at.
         """
         least = self.min_stddev**2
         if len(given) == size * size:
             matrix = np.array(given, float).reshape(size, size)
-            if np.isfinite(matrix).all() and (matrix.diagonal() > 0.0).all():
+            for i in missing:
+                matrix[i, :] = matrix[:, i] = 0.0
+                matrix[i, i] = self.default_stddev**2
+            if (np.abs(matrix) < _HUGE).all() and (matrix.diagonal() > 0.0).all():
                 matrix = 0.5 * (matrix + matrix.T)
                 if np.linalg.eigvalsh(matrix)[0] <= 0.0:
                     matrix = np.diag(matrix.diagonal())

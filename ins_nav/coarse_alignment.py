@@ -64,6 +64,8 @@ class Alignment:
         Horizontal rate found less that of the Earth at this latitude, rad/s: the north gyro's bias when all is well.
     gyro_noise, accel_noise : float
         White noise of an axis, rad/√s and m/s/√s.
+    heading_noise : float
+        Sigma of heading without what the gyros' biases do to it, rad.
     """
 
     q_gb: Quaternion
@@ -74,6 +76,7 @@ class Alignment:
     rate_error: float
     gyro_noise: float
     accel_noise: float
+    heading_noise: float
 
     @property
     def heading_stddev(self) -> float:
@@ -242,6 +245,7 @@ class CoarseAlignment:
             found_rate - horizontal_rate,
             math.sqrt(float(limits[1])),
             gravity * math.sqrt(float(limits[0]) * blocks.length),
+            math.sqrt(fit.slope_variance) / abs(found_rate) if heading is None else heading_stddev,
         )
 
     def _covariance(self, fit: TrendFit, gravity: float, lat: float, rate: float) -> NDArray[np.float64]:

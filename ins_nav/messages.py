@@ -95,6 +95,8 @@ FEEDBACK = (
     ("covariance", 225),
 )
 """Parts of a feedback message, with their sizes."""
+_UNIT = 1e-6
+"""Of a unit quaternion's length."""
 
 
 def fill_feedback(message: Any, feedback: Feedback) -> None:
@@ -114,7 +116,7 @@ def fill_feedback(message: Any, feedback: Feedback) -> None:
 
 
 def read_feedback(message: Any) -> Feedback | None:
-    """The same read; None where it is not one."""
+    """The same read; None where it is not one: sizes, numbers, unit quaternions, variances."""
     data = [float(x) for x in message.data]
     if len(data) != sum(size for _, size in FEEDBACK) or not all(map(math.isfinite, data)):
         return None
@@ -122,14 +124,18 @@ def read_feedback(message: Any) -> Feedback | None:
     for name, size in FEEDBACK:
         parts[name] = tuple(data[at : at + size])
         at += size
+    state, covariance = parts["state"], np.array(parts["covariance"]).reshape(15, 15)
+    off = max(abs(math.hypot(*q) - 1.0) for q in (state[0:4], state[7:11]))
+    if off > _UNIT or covariance.diagonal().min() < 0.0:
+        return None
     stamp, apply = (round(parts[name][0]) * _NS + round(parts[name][1]) for name in ("stamp", "apply"))
     return Feedback(
         stamp,
         apply,
-        parts["state"],
+        state,
         parts["gyro_bias"],  # type: ignore[arg-type]
         parts["accel_bias"],  # type: ignore[arg-type]
-        np.array(parts["covariance"]).reshape(15, 15),
+        covariance,
         parts["aligned"][0] != 0.0,
     )
 
@@ -169,14 +175,14 @@ class SolutionMessages:
 
     def due(self) -> bool:
         """Whether the navigator's new solution is to be published; call it once for each."""
-        self.first = self._navigator.changes != self._changes
-        self._changes = self._navigator.changes
         if self._aligned_ns != self._navigator.aligned_ns:
             self._aligned_ns = self._navigator.aligned_ns
             self._next_ns = 0
         stamp_ns = self._navigator.stamp_ns
         if stamp_ns < self._next_ns:
             return False
+        self.first = self._navigator.changes != self._changes
+        self._changes = self._navigator.changes
         self._next_ns = max((self._next_ns or stamp_ns) + self._period_ns, stamp_ns + 1)
         return True
 
@@ -214,6 +220,14 @@ class SolutionMessages:
             self.imu.orientation_covariance[:] = navigator.attitude_covariance.ravel()
             pose[3:, 3:] = navigator.attitude_covariance
             self.odometry.pose.covariance[:] = pose.ravel()
+            self.fix.position_covariance_type = 0  # COVARIANCE_TYPE_UNKNOWN
+            for covariance in (
+                self.odometry.twist.covariance,
+                self.fix.position_covariance,
+                self.imu.angular_velocity_covariance,
+                self.imu.linear_acceleration_covariance,
+            ):
+                covariance[:] = 0.0
             return
         p = navigator.covariance
         c, s = error_model.azimuth(state)

@@ -31,8 +31,8 @@ _COARSE_GAP = 0.1
 
 _SPEED_STDDEV = 0.1
 """m/s, at least, of a solution that another filter goes on from."""
-_LOST = 1.0
-"""s of samples that may be lost just where a feedback belongs."""
+_AHEAD_NS = 5_000_000_000
+"""ns ahead of the samples: a feedback of before a restart. All of 5 s may still wait in the queue of a topic."""
 _FOLLOWS_NS = 5_000_000_000
 """ns after the last feedback for which `alignment_node` is believed to be there."""
 
@@ -168,7 +168,7 @@ class Navigator:
         self._raw: strapdown.Sample = (0.0,) * 7
         self.gyro_bias = self._given_gyro_bias
         self.gyro_bias_covariance: NDArray[np.float64] = np.eye(3) * self.gyro_bias_stddev**2
-        self.accel_bias = self._given_accel_bias
+        self.accel_bias = self.stops.accel_bias = self._given_accel_bias  # type: ignore[assignment]
         self.accel_bias_covariance: NDArray[np.float64] = np.eye(3) * self.accel_bias_stddev**2
         self.stops.restart()
         self.aligned_ns = 0
@@ -187,6 +187,8 @@ class Navigator:
     def _align(self) -> None:
         self.stops.forget()
         self._history.clear()
+        self._feedback.clear()
+        self.covariance = None
         gyro_bias_stddev = math.sqrt(float(self.gyro_bias_covariance.diagonal().max()))
         self._alignment = CoarseAlignment(
             self._duration, gyro_bias_stddev, self.accel_bias_stddev, self._number("alignment.max_speed")
@@ -251,6 +253,14 @@ class Navigator:
 
         One that is older than the last, or comes twice, is left out; so is one whose state is not remembered.
         """
+        if feedback.stamp_ns > self.stamp_ns + _AHEAD_NS:
+            self.health.note(
+                "feedback ahead",
+                INFO,
+                f"ins/feedback: {(feedback.stamp_ns - self.stamp_ns) * 1e-9:.1f} s ahead of imu/data_raw: left out",
+                self.stamp_ns,
+            )
+            return
         if feedback.stamp_ns <= max(self._followed_ns, *(f.stamp_ns for f in self._feedback), 0):
             self.health.note(
                 "feedback repeated", INFO, "ins/feedback: older than the last, or repeated: left out", self.stamp_ns
@@ -292,12 +302,11 @@ class Navigator:
 
     def _go_on(self) -> None:
         """From the newest feedback that is due."""
-        due = [feedback for feedback in self._feedback if feedback.apply_ns <= self.stamp_ns]
-        self._feedback = self._feedback[len(due) :]
-        newest = due[-1]
+        due = (feedback for feedback in self._feedback if feedback.apply_ns <= self.stamp_ns)
+        newest = max(due, key=lambda feedback: feedback.stamp_ns)
+        self._feedback = [feedback for feedback in self._feedback if feedback.stamp_ns > newest.stamp_ns]
         entry = self._history.at(newest.stamp_ns)
-        off = (newest.stamp_ns - entry.stamp_ns) * 1e-9
-        if not 0.0 <= off < _LOST:
+        if entry.stamp_ns != newest.stamp_ns:  # too old, or that sample was lost here
             self.health.note(
                 "feedback lost",
                 WARN,
@@ -307,9 +316,6 @@ class Navigator:
             )
             return
         state = newest.state
-        if off > 0.0:  # that sample was lost here
-            vx, vy, vz = state[4:7]
-            state = strapdown.corrected(state, (-vx * off, -vy * off, -vz * off))
         self._followed_ns = newest.stamp_ns
         self.stops.turned_by(strapdown.heading_change(entry.state, state))
         self.accel_bias = self.stops.accel_bias = newest.accel_bias

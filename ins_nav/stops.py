@@ -49,7 +49,7 @@ _MARGIN = 1.0
 """s before the vehicle is seen to move that are not counted as rest: it moves before that shows in its velocity."""
 _ARRIVAL_NS = 1_000_000_000
 """ns after which a vehicle that stopped does not swing on its springs any more."""
-_DOUBT_SIGMAS, _DOUBT_SPEED = 10.0, 2.0
+DOUBT_SIGMAS, DOUBT_SPEED = 10.0, 2.0
 """A stop is none where the solution is faster than so many sigmas and so many m/s: even motion looks like rest, and
 sigmas go with parameters that may not be those of this IMU."""
 _SAME_STOP = 1.0
@@ -59,6 +59,8 @@ _SCHULER_RATE = 1.24e-3
 _GRAVITY = 9.81
 _EXACT = 1e-20
 """rad²: smallest variance of an azimuth; an exact one would make matrices singular."""
+_REGULAR = 1e-9
+"""Share of a variance that keeps a matrix regular whose parts are fully correlated."""
 _EXACT_DRIFT = 1e-24
 """rad²/s²: the same of a drift, 2e-7 °/h."""
 _DEG_PER_HOUR = math.radians(1.0) / 3600.0
@@ -208,7 +210,8 @@ class Stops:
         if self._given is None:  # what was found has absorbed the east drift
             east = np.array(_row(state, 0))
             self.covariance[:3, 3] = self.covariance[3, :3] = drift @ east / k
-            self.covariance[3, 3] = max(self.covariance[3, 3], float(east @ drift @ east) / k**2 + _EXACT)
+            absorbed = float(east @ drift @ east) / k**2
+            self.covariance[3, 3] = absorbed * (1.0 + _REGULAR) + alignment.heading_noise**2 + _EXACT
         else:
             information[3, 3] = 1.0 / max(self._given, _EXACT)
         self.level_variance = max(alignment.covariance[0, 0], alignment.covariance[1, 1])
@@ -324,7 +327,7 @@ class Stops:
             grown, stddev = self._grown((since_ns - self._held_ns) * 1e-9)
             time += grown
             self.velocity_error = math.hypot(vx, vy)
-            if self.velocity_error > _DOUBT_SPEED + _DOUBT_SIGMAS * stddev:
+            if self.velocity_error > DOUBT_SPEED + DOUBT_SIGMAS * stddev:
                 self._stop, self.doubted = None, self.doubted + 1
                 return None
             self.held += 1

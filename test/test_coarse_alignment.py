@@ -10,7 +10,7 @@ import pytest
 from scipy import stats
 from scipy.spatial.transform import Rotation
 
-from ins_nav import attitude, earth, gravitycone
+from ins_nav import attitude, earth, gravity_cone
 from ins_nav.coarse_alignment import Alignment, AlignmentError, CoarseAlignment, MovedError
 from ins_nav.simulation.scenarios import Simulation, simulate
 
@@ -208,7 +208,7 @@ def test_waiting_for_a_position_stays_bounded_and_right() -> None:
     """Fed twenty times as long as intended: blocks are joined, gravity's path bends away from its tangent."""
     s = simulate("static", 0, duration=3600.0, rate=10.0, **PERFECT)
     alignment = _fed(s, duration=60.0)
-    assert len(alignment.cone._blocks) < 2 * gravitycone.BLOCKS
+    assert len(alignment.cone._blocks) < 2 * gravity_cone.BLOCKS
     assert len(alignment.cone._samples) <= 600
     result = alignment.solve(float(s.trajectory.lat[0]), 150.0)
     error = (Rotation.from_quat(s.trajectory.q_nb[-1]) * Rotation.from_quat(result.q_gb).inv()).as_rotvec()
@@ -218,7 +218,7 @@ def test_waiting_for_a_position_stays_bounded_and_right() -> None:
 
 
 def test_long_alignment_keeps_a_bounded_part_of_the_samples(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(gravitycone, "MAX_SAMPLES", 500)
+    monkeypatch.setattr(gravity_cone, "MAX_SAMPLES", 500)
     s = simulate("static", 0, duration=60.0, rate=50.0, **PERFECT)
     alignment = _fed(s)
     assert len(alignment.cone._samples) == 500

@@ -45,7 +45,7 @@ class AlignmentNode(Node):
         self._subscribe(TwistWithCovarianceStamped, "log", messages.feed_log)
         self._subscribe(PoseWithCovarianceStamped, "depth", messages.feed_depth)
         self.create_subscription(Float64MultiArray, "ins/solution", self._on_solution, reliable)
-        self.create_subscription(Header, "ins/zupt", self._on_zupt, reliable)
+        self.create_subscription(Header, "ins/called", self._on_called, reliable)
         self.create_timer(1.0, self._on_timer)
         self.get_logger().info("waiting for imu/data_raw")
 
@@ -69,8 +69,12 @@ class AlignmentNode(Node):
         if solution is not None:
             self._navigator.adopt(solution, solution.apply_ns)
 
-    def _on_zupt(self, message: Header) -> None:
-        self._navigator.call_zupt(message.stamp.sec * 1_000_000_000 + message.stamp.nanosec)
+    def _on_called(self, message: Header) -> None:
+        """A service of `ins_node`, its name in the frame."""
+        if message.frame_id == "align":
+            self.get_logger().info(self._navigator.align())
+        else:
+            self._navigator.call_zupt(message.stamp.sec * 1_000_000_000 + message.stamp.nanosec)
 
     def _on_timer(self) -> None:
         self._reporter.log(self._navigator.health)

@@ -65,7 +65,7 @@ class InsNode(Node):
         )
         inside = _qos(100, reliable)
         self._solution = self.create_publisher(Float64MultiArray, "ins/solution", inside)
-        self._zupt = self.create_publisher(Header, "ins/zupt", inside)
+        self._called = self.create_publisher(Header, "ins/called", inside)
         self._solution_message = feedback_message()
         self.create_subscription(Float64MultiArray, "ins/feedback", self._on_feedback, inside)
         self.create_service(Trigger, "~/align", self._on_align)
@@ -126,6 +126,7 @@ class InsNode(Node):
     def _on_align(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         response.success = True
         response.message = self._navigator.align()
+        self._publish_call("align")
         return response
 
     def _on_feedback(self, message: Float64MultiArray) -> None:
@@ -142,19 +143,23 @@ class InsNode(Node):
             self._navigator.follow(feedback)
 
     def _on_zupt1(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        return self._answer(response, *self._navigator.zupt1())
+        return self._answer("zupt1", response, *self._navigator.zupt1())
 
     def _on_zupt2(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        return self._answer(response, *self._navigator.zupt2())
+        return self._answer("zupt2", response, *self._navigator.zupt2())
 
-    def _answer(self, response: Trigger.Response, success: bool, text: str) -> Trigger.Response:
+    def _answer(self, service: str, response: Trigger.Response, success: bool, text: str) -> Trigger.Response:
         response.success, response.message = success, text
         if success:
-            header = Header(frame_id="zupt")
-            header.stamp.sec, header.stamp.nanosec = divmod(self._navigator.stamp_ns, 1_000_000_000)
-            self._zupt.publish(header)
+            self._publish_call(service)
         self._log()
         return response
+
+    def _publish_call(self, service: str) -> None:
+        """Tell `alignment_node` of a service that was called."""
+        header = Header(frame_id=service)
+        header.stamp.sec, header.stamp.nanosec = divmod(self._navigator.stamp_ns, 1_000_000_000)
+        self._called.publish(header)
 
     def _log(self) -> None:
         self._reporter.log(self._navigator.health)
