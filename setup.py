@@ -53,6 +53,7 @@ setup(
     },
     entry_points={
         "console_scripts": [
+            "alignment_node = ins_nav.nodes.alignment_node:main",
             "bag_player = ins_nav.nodes.bag_player:main",
             "ins_node = ins_nav.nodes.ins_node:main",
             "ins_process = ins_nav.process:main",

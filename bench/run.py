@@ -18,10 +18,14 @@ SECTIONS = {
     "mechanization": "errors after 600 s of motion with a perfect IMU; coning",
     "alignment": "heading on a rocking base, against its own sigma and the theoretical bound",
     "zupt": "drifts and azimuth found at stops: the paper's run, noise against the bound, real drives",
+    "fine": "fine alignment on a rocking base, against its own sigma and the Cramer-Rao bound; free inertial then",
     "recordings": "real recordings, by ins_process and live",
+    "aided": "real recordings with aids: accuracy, honesty of the sigmas, outages",
     "speed": "cost of a sample in the core, in the navigator, in ins_process",
     "live": "400 Hz over ROS 2: losses, latency, load",
 }
+_MODULES = {"fine": "fine_alignment", "aided": "aided_recordings"}
+"""Modules with another name than their section's."""
 
 
 @for_people("bench")
@@ -42,7 +46,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     for name in args.sections or SECTIONS:
         print(f"\n## {name}: {SECTIONS[name]}", flush=True)
         began = time.monotonic()
-        for text in importlib.import_module(f"bench.{name}").results(args.data):
+        more = {"seeds": args.seeds} if name == "fine" else {}
+        for text in importlib.import_module(f"bench.{_MODULES.get(name, name)}").results(args.data, **more):
             print(f"\n{text}", flush=True)
         print(f"\n({time.monotonic() - began:.0f} s; load now {os.getloadavg()[0]:.1f})", flush=True)
     return 0
@@ -61,6 +66,13 @@ def _section(name: str) -> str:
     return name
 
 
+def _seeds(text: str) -> int:
+    count = int(text)
+    if not 2 <= count <= 1000:
+        raise argparse.ArgumentTypeError(f"{count} is not from 2 to 1000")
+    return count
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="bench", description="Measure accuracy and speed.")
     parser.add_argument("sections", nargs="*", type=_section, metavar="SECTION", help="default: all; see --list")
@@ -71,6 +83,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--data", type=Path, default=ROOT.parent / "shared" / "data", metavar="FOLDER", help="of the recordings"
     )
+    parser.add_argument("--seeds", type=_seeds, default=100, metavar="N", help="of section fine (default: 100)")
     return parser
 
 

@@ -62,8 +62,8 @@ class Alignment:
         Measured specific force over normal gravity.
     rate_error : float
         Horizontal rate found less that of the Earth at this latitude, rad/s: the north gyro's bias when all is well.
-    gyro_noise : float
-        White noise of an axis, rad/√s.
+    gyro_noise, accel_noise : float
+        White noise of an axis, rad/√s and m/s/√s.
     heading_noise : float
         Sigma of heading without what the gyros' biases do to it, rad.
     """
@@ -75,6 +75,7 @@ class Alignment:
     gravity_ratio: float
     rate_error: float
     gyro_noise: float
+    accel_noise: float
     heading_noise: float
 
     @property
@@ -243,6 +244,7 @@ class CoarseAlignment:
             gravity / normal,
             found_rate - horizontal_rate,
             math.sqrt(float(limits[1])),
+            gravity * math.sqrt(float(limits[0]) * blocks.length),
             math.sqrt(fit.slope_variance) / abs(found_rate) if heading is None else heading_stddev,
         )
 

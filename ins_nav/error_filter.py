@@ -183,6 +183,11 @@ class ErrorFilter:
         """The aid's own states in use."""
         return self.values[self._own[aid]]
 
+    def own_stddev(self, aid: str) -> Array:
+        """Their sigmas."""
+        stddev: Array = np.sqrt(self.p.diagonal()[self._own[aid]])
+        return stddev
+
     @property
     def heading_stddev(self) -> float:
         """rad; that of an unknown heading is pi / √3."""
@@ -290,7 +295,7 @@ class ErrorFilter:
         ratio = square / _limit(len(residual), gate)
         track = self._tracks.get(aid, _Track(None, ()))
         reason = ""
-        if ratio > 1.0:
+        if not ratio <= 1.0:  # above, or too large to be a number
             rejected = (*track.rejected, (stamp_ns, residual))[-AGREEING:]
             if not self._stands_alone(track.accepted_ns, rejected, r) or not self._widen(rejected, h_core, r, direct):
                 self._tracks = self._tracks | {aid: _Track(track.accepted_ns, rejected)}

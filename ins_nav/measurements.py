@@ -25,6 +25,7 @@ from ins_nav.error_model import (
     ATTITUDE,
     COSINE,
     GYRO_BIAS,
+    HEADING,
     HEIGHT,
     POSITION,
     SIZE,
@@ -35,6 +36,7 @@ from ins_nav.error_model import (
     azimuth,
     rotation_matrix,
 )
+from ins_nav.zupt import StopMeasurement
 
 _NONE: Vector = (0.0, 0.0, 0.0)
 
@@ -238,6 +240,28 @@ class ZeroYawRate:
         h[:, GYRO_BIAS] = -rotation_matrix(solution.state[0:4])  # type: ignore[arg-type]
         z = np.array([rate[2] - RATE * (1.0 - 2.0 * (ex * ex + ey * ey))])
         return Measurement(z, h[2:], np.array([[stddev**2]]), GYRO_BIAS)
+
+
+class RestRate:
+    """What is left of the rates at a stop (`ins_nav.rest`): drift, and what a wrong heading leaves of Earth's rate.
+
+    Parameters
+    ----------
+    vertical : bool
+        Only the run-off of yaw: what the horizontal rates say, velocity at rest says too.
+    """
+
+    def __init__(self, vertical: bool) -> None:
+        self._rows = slice(2, 3) if vertical else slice(0, 3)
+
+    def measure(self, solution: Solution, stop: StopMeasurement, bias: Vector) -> Measurement:
+        """The stop, and the gyro bias that was taken out then, body, rad/s."""
+        h: Array = np.zeros((3, SIZE))
+        h[:, GYRO_BIAS] = -stop.rot_sb
+        h[0, HEADING] = -stop.horizontal_rate
+        z = stop.rate - stop.rot_sb @ np.subtract(solution.gyro_bias, bias)
+        rows = self._rows
+        return Measurement(z[rows], h[rows], stop.covariance[rows, rows], GYRO_BIAS)
 
 
 class KnownDrift:

@@ -6,11 +6,16 @@ cost of a tick.
 """
 
 import math
+from collections.abc import Iterable
 from typing import Any
 
-from ins_nav import strapdown
+import numpy as np
+
+from ins_nav import error_model, strapdown
+from ins_nav.aided import AidedNavigator
+from ins_nav.attitude import conjugate, multiply
 from ins_nav.health import ERROR, INFO, Health
-from ins_nav.navigator import Navigator, Phase
+from ins_nav.navigator import Feedback, Navigator, Phase
 
 _NS = 1_000_000_000
 SILENCE = 2.0
@@ -46,7 +51,93 @@ def feed_imu(navigator: Navigator, message: Any) -> bool:
 
 def feed_fix(navigator: Navigator, message: Any) -> None:
     """Give a sensor_msgs/NavSatFix to the navigator."""
-    navigator.add_fix(stamp_of(message), message.status.status, message.latitude, message.longitude, message.altitude)
+    known = message.position_covariance_type != 0
+    navigator.add_fix(
+        stamp_of(message),
+        message.status.status,
+        message.latitude,
+        message.longitude,
+        message.altitude,
+        tuple(message.position_covariance) if known else (),
+    )
+
+
+def feed_gnss_velocity(navigator: AidedNavigator, message: Any) -> None:
+    """Give a geometry_msgs/TwistWithCovarianceStamped, east, north, up, to the filter."""
+    navigator.add_gnss_velocity(stamp_of(message), *_twist(message))
+
+
+def feed_log(navigator: AidedNavigator, message: Any) -> None:
+    """Give a geometry_msgs/TwistWithCovarianceStamped on the log's axes to the filter."""
+    navigator.add_log(stamp_of(message), *_twist(message))
+
+
+def feed_depth(navigator: AidedNavigator, message: Any) -> None:
+    """Give a geometry_msgs/PoseWithCovarianceStamped (``position.z = -depth``) to the filter."""
+    pose = message.pose
+    navigator.add_depth(stamp_of(message), -pose.pose.position.z, float(pose.covariance[14]))
+
+
+def _twist(message: Any) -> tuple[tuple[float, float, float], tuple[float, ...]]:
+    """Linear velocity and its covariance, row by row."""
+    linear, covariance = message.twist.twist.linear, message.twist.covariance
+    rows = tuple(float(covariance[6 * i + j]) for i in range(3) for j in range(3))
+    return (linear.x, linear.y, linear.z), rows
+
+
+FEEDBACK = (
+    ("stamp", 2),
+    ("apply", 2),
+    ("state", 12),
+    ("gyro_bias", 3),
+    ("accel_bias", 3),
+    ("aligned", 1),
+    ("covariance", 225),
+)
+"""Parts of a feedback message, with their sizes."""
+_UNIT = 1e-6
+"""Of a unit quaternion's length."""
+
+
+def fill_feedback(message: Any, feedback: Feedback) -> None:
+    """A std_msgs/Float64MultiArray of one row: stamps as s and ns, the state, biases, a flag, the covariance.
+
+    One message, so that nothing of it can be lost alone; its layout names the parts.
+    """
+    message.data = [
+        *(float(x) for x in divmod(feedback.stamp_ns, _NS)),
+        *(float(x) for x in divmod(feedback.apply_ns, _NS)),
+        *map(float, feedback.state),
+        *feedback.gyro_bias,
+        *feedback.accel_bias,
+        float(feedback.aligned),
+        *feedback.covariance.ravel().tolist(),
+    ]
+
+
+def read_feedback(message: Any) -> Feedback | None:
+    """The same read; None where it is not one: sizes, numbers, unit quaternions, variances."""
+    data = [float(x) for x in message.data]
+    if len(data) != sum(size for _, size in FEEDBACK) or not all(map(math.isfinite, data)):
+        return None
+    parts, at = {}, 0
+    for name, size in FEEDBACK:
+        parts[name] = tuple(data[at : at + size])
+        at += size
+    state, covariance = parts["state"], np.array(parts["covariance"]).reshape(15, 15)
+    off = max(abs(math.hypot(*q) - 1.0) for q in (state[0:4], state[7:11]))
+    if off > _UNIT or covariance.diagonal().min() < 0.0:
+        return None
+    stamp, apply = (round(parts[name][0]) * _NS + round(parts[name][1]) for name in ("stamp", "apply"))
+    return Feedback(
+        stamp,
+        apply,
+        state,
+        parts["gyro_bias"],  # type: ignore[arg-type]
+        parts["accel_bias"],  # type: ignore[arg-type]
+        covariance,
+        parts["aligned"][0] != 0.0,
+    )
 
 
 class SolutionMessages:
@@ -61,7 +152,7 @@ class SolutionMessages:
     Attributes
     ----------
     first : bool
-        Whether the solution that is `due` is the first after an alignment or a ZUPT.
+        Whether the solution that is `due` is the first after an alignment, a ZUPT or a feedback.
     """
 
     def __init__(self, odometry: Any, imu: Any, fix: Any, navigator: Navigator) -> None:
@@ -70,7 +161,7 @@ class SolutionMessages:
         self.fix = fix
         self.first = False
         self._navigator = navigator
-        self._changes = 0
+        self._changes = self._aligned_ns = 0
         rate = float(navigator.parameters["publish.rate"])  # type: ignore[arg-type]
         self._period_ns = round(_NS / rate) if rate else 0
         self._next_ns = 0
@@ -84,13 +175,14 @@ class SolutionMessages:
 
     def due(self) -> bool:
         """Whether the navigator's new solution is to be published; call it once for each."""
-        self.first = self._navigator.changes != self._changes
-        if self.first:
-            self._changes = self._navigator.changes
+        if self._aligned_ns != self._navigator.aligned_ns:
+            self._aligned_ns = self._navigator.aligned_ns
             self._next_ns = 0
         stamp_ns = self._navigator.stamp_ns
         if stamp_ns < self._next_ns:
             return False
+        self.first = self._navigator.changes != self._changes
+        self._changes = self._navigator.changes
         self._next_ns = max((self._next_ns or stamp_ns) + self._period_ns, stamp_ns + 1)
         return True
 
@@ -119,13 +211,42 @@ class SolutionMessages:
         self.fix.altitude = where.height
 
     def _fill_covariances(self) -> None:
-        """Attitude as the alignment or a ZUPT left it; position and velocity stay zero, which in ROS means unknown."""
-        attitude = self._navigator.attitude_covariance
-        self.imu.orientation_covariance[:] = attitude.ravel()
-        pose = self.odometry.pose.covariance
-        for i in range(3):
-            for j in range(3):
-                pose[6 * (i + 3) + j + 3] = attitude[i, j]
+        """As the filter has them; without it, attitude as the alignment or a ZUPT left it and zero, unknown, else."""
+        navigator = self._navigator
+        state, frame = navigator.state, navigator.map
+        assert state is not None and frame is not None
+        pose = np.zeros((6, 6))
+        if navigator.covariance is None:
+            self.imu.orientation_covariance[:] = navigator.attitude_covariance.ravel()
+            pose[3:, 3:] = navigator.attitude_covariance
+            self.odometry.pose.covariance[:] = pose.ravel()
+            self.fix.position_covariance_type = 0  # COVARIANCE_TYPE_UNKNOWN
+            for covariance in (
+                self.odometry.twist.covariance,
+                self.fix.position_covariance,
+                self.imu.angular_velocity_covariance,
+                self.imu.linear_acceleration_covariance,
+            ):
+                covariance[:] = 0.0
+            return
+        p = navigator.covariance
+        c, s = error_model.azimuth(state)
+        to_g = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        self.imu.orientation_covariance[:] = (to_g @ p[6:9, 6:9] @ to_g.T).ravel()
+        self.fix.position_covariance[:] = (to_g @ p[0:3, 0:3] @ to_g.T).ravel()
+        self.fix.position_covariance_type = 3  # COVARIANCE_TYPE_KNOWN
+        q_mn = multiply(frame.attitude(state), conjugate(state[0:4]))  # type: ignore[arg-type]
+        to_m = error_model.rotation_matrix(q_mn)
+        parts = p[np.ix_([0, 1, 2, 6, 7, 8], [0, 1, 2, 6, 7, 8])]
+        both = np.kron(np.eye(2), to_m)
+        self.odometry.pose.covariance[:] = (both @ parts @ both.T).ravel()
+        to_b = error_model.rotation_matrix(state[0:4]).T  # type: ignore[arg-type]
+        twist = np.zeros((6, 6))
+        twist[:3, :3] = to_b @ p[3:6, 3:6] @ to_b.T
+        twist[3:, 3:] = p[9:12, 9:12]
+        self.odometry.twist.covariance[:] = twist.ravel()
+        self.imu.angular_velocity_covariance[:] = p[9:12, 9:12].ravel()
+        self.imu.linear_acceleration_covariance[:] = p[12:15, 12:15].ravel()
 
 
 def fill_bias(message: Any, navigator: Navigator, base_link_frame: str) -> None:
@@ -136,8 +257,7 @@ def fill_bias(message: Any, navigator: Navigator, base_link_frame: str) -> None:
     _set_vector(message.angular_velocity, navigator.gyro_bias)
     _set_vector(message.linear_acceleration, navigator.accel_bias)
     message.angular_velocity_covariance[:] = navigator.gyro_bias_covariance.ravel()
-    for i in range(3):
-        message.linear_acceleration_covariance[4 * i] = navigator.accel_bias_stddev**2
+    message.linear_acceleration_covariance[:] = navigator.accel_bias_covariance.ravel()
 
 
 def silence(seconds: float) -> str:
@@ -164,12 +284,12 @@ def diagnostics(navigator: Navigator, silent_for: float = 0.0) -> tuple[int, str
         "gyro bias": " ".join(f"{x * _BIAS_UNIT:.4f}" for x in navigator.gyro_bias) + " deg/h",
         "accelerometer bias": " ".join(f"{x:.5f}" for x in navigator.accel_bias) + " m/s^2",
     }
-    if navigator.phase is Phase.NAVIGATING:
+    if navigator.phase in (Phase.FINE, Phase.NAVIGATING):
         sigma = [math.degrees(math.sqrt(navigator.attitude_covariance[i, i])) for i in range(3)]
         stops = navigator.stops
         values |= {
-            "level sigma at the last alignment or ZUPT": f"{max(sigma[:2]):.5f} deg",
-            "heading sigma at the last alignment or ZUPT": f"{sigma[2]:.4f} deg",
+            "level sigma when last corrected": f"{max(sigma[:2]):.5f} deg",
+            "heading sigma when last corrected": f"{sigma[2]:.4f} deg",
             "stopped": str(stops.detector.stopped).lower(),
             "stops with zero velocity": str(stops.held),
             "velocity error at the last stop": f"{stops.velocity_error:.3f} m/s",
@@ -179,6 +299,51 @@ def diagnostics(navigator: Navigator, silent_for: float = 0.0) -> tuple[int, str
     values |= {kind: str(count) for kind, count in health.counts.items()}
     level, text = _summary(navigator, health, silent_for)
     return level, text, values
+
+
+def alignment_diagnostics(navigator: AidedNavigator, silent_for: float = 0.0) -> tuple[int, str, dict[str, str]]:
+    """The same of the filter: its sigmas, progress of fine alignment, and every aid with its last innovation."""
+    stream = navigator.stream
+    values = {
+        "phase": navigator.phase.value,
+        "coarse alignment progress": f"{100.0 * navigator.progress:.0f} %",
+        "imu/data_raw received": str(stream.received),
+        "imu/data_raw used": str(stream.accepted),
+    }
+    if navigator.filter is not None:
+        p = navigator.filter.p
+        sigma = np.sqrt(p.diagonal())
+        values |= {
+            "position sigma": f"{math.hypot(*sigma[0:2]):.3f} m",
+            "height sigma": f"{sigma[2]:.3f} m",
+            "velocity sigma": f"{math.hypot(*sigma[3:5]):.4f} m/s",
+            "level sigma": f"{math.degrees(max(sigma[6:8])):.5f} deg",
+            "heading sigma": f"{math.degrees(navigator.filter.heading_stddev):.4f} deg",
+            "time left by prediction": f"{navigator.time_left:.0f} s",
+            "gyro bias": _with_sigma(navigator.gyro_bias, sigma[9:12], _BIAS_UNIT, 4) + " deg/h",
+            "accelerometer bias": _with_sigma(navigator.accel_bias, sigma[12:15], 1.0, 5) + " m/s^2",
+        }
+    for name, record in navigator.records.items():
+        values[f"{name}: accepted, rejected"] = f"{record.accepted}, {record.rejected}"
+        if record.last is not None:
+            values[f"{name}: innovation"] = _with_sigma(record.last.innovation, record.last.sigma, 1.0, 3)
+            values[f"{name}: test ratio"] = f"{record.last.test_ratio:.2f}"
+            if record.accepted:
+                age = (navigator.settled_ns - record.accepted_ns) / _NS
+                values[f"{name}: last accepted"] = f"{age:.1f} s ago"
+        own = navigator.own_states(name)
+        if own:
+            values[f"{name}: own states"] = ", ".join(f"{x:.4f} ± {s:.4f}" for x, s in own)
+    values |= {kind: str(count) for kind, count in navigator.health.counts.items()}
+    level, text = _summary(navigator, navigator.health, silent_for)
+    if level == 0 and navigator.phase is Phase.FINE and navigator.filter is not None:
+        stddev = math.degrees(navigator.filter.heading_stddev)
+        text = f"fine; heading sigma {stddev:.2f}°, {navigator.time_left:.0f} s left"
+    return level, text, values
+
+
+def _with_sigma(values: Iterable[float], sigmas: Iterable[float], unit: float, digits: int) -> str:
+    return ", ".join(f"{x * unit:.{digits}f} ± {s * unit:.{digits}f}" for x, s in zip(values, sigmas, strict=True))
 
 
 def _summary(navigator: Navigator, health: Health, silent_for: float) -> tuple[int, str]:

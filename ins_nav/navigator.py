@@ -6,18 +6,21 @@ solutions leave as a `ins_nav.strapdown.State`.
 
 import enum
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ins_nav import attitude, strapdown
+from ins_nav.aids import Settings
 from ins_nav.coarse_alignment import Alignment, AlignmentError, CoarseAlignment
 from ins_nav.health import ERROR, INFO, WARN, Health
 from ins_nav.history import History
 from ins_nav.imu_stream import ImuStream
 from ins_nav.parameters import checked_values
+from ins_nav.stop_detection import Change
 from ins_nav.stops import MILLI_G, Correction, Stops
 from ins_nav.zupt import ZuptError
 
@@ -26,12 +29,48 @@ _COARSE_GAP = 0.1
 """s: a longer gap loses the attitude of a rocking base: coarse alignment begins again."""
 
 
+_SPEED_STDDEV = 0.1
+"""m/s, at least, of a solution that another filter goes on from."""
+_AHEAD_NS = 5_000_000_000
+"""ns ahead of the samples: a feedback of before a restart. All of 5 s may still wait in the queue of a topic."""
+_FOLLOWS_NS = 5_000_000_000
+"""ns after the last feedback for which `alignment_node` is believed to be there."""
+
+
 class Phase(enum.Enum):
     """Where the navigator is."""
 
     WAITING = "waiting"
     COARSE = "coarse"
+    FINE = "fine"
     NAVIGATING = "navigating"
+
+
+class Feedback(NamedTuple):
+    """What the filter of `ins_nav.aided` found: a state of the past to go on from.
+
+    Attributes
+    ----------
+    stamp_ns : int
+        Of the state.
+    apply_ns : int
+        Stamp of the sample with which it takes effect: live and over a recording at the same one.
+    state : State
+    gyro_bias, accel_bias : 3 floats
+        rad/s and m/s².
+    covariance : ndarray, shape (15, 15)
+        Of the errors, as `ins_nav.error_model` defines them.
+    aligned : bool
+        Fine alignment is done.
+    """
+
+    stamp_ns: int
+    apply_ns: int
+    state: strapdown.State
+    gyro_bias: tuple[float, float, float]
+    accel_bias: tuple[float, float, float]
+    covariance: NDArray[np.float64]
+    aligned: bool
 
 
 class Navigator:
@@ -63,6 +102,14 @@ class Navigator:
         How many alignments and calibrations there have been.
     restarts : int
         How often the stamps have jumped.
+    accel_bias_covariance : ndarray, shape (3, 3)
+        m²/s⁴.
+    covariance : ndarray, shape (15, 15), or None
+        Of the errors (`ins_nav.error_model`) when the filter last corrected the solution.
+    position_stddev : 3 floats
+        Of the place of alignment, m.
+    aligned_ns : int
+        Stamp at which alignment ended; 0 before.
     map : MapFrame or None
         East-north-up at the place of the first alignment since the start or the last restart.
     health : Health
@@ -100,7 +147,7 @@ class Navigator:
         self.changes = self.restarts = 0
         self.stops = Stops(values, self.health)
         self._history = History(self._instantaneous, self._vertical)
-        self._given_gyro_bias = self.gyro_bias
+        self._given_gyro_bias, self._given_accel_bias = self.gyro_bias, self.accel_bias
         self._begin()
 
     def _number(self, name: str) -> float:
@@ -122,18 +169,27 @@ class Navigator:
         self._heading_stddev = math.radians(self._number("initial.heading_stddev_deg"))
         self.gyro_bias = self._given_gyro_bias
         self.gyro_bias_covariance: NDArray[np.float64] = np.eye(3) * self.gyro_bias_stddev**2
+        self.accel_bias = self.stops.accel_bias = self._given_accel_bias  # type: ignore[assignment]
+        self.accel_bias_covariance: NDArray[np.float64] = np.eye(3) * self.accel_bias_stddev**2
         self.stops.restart()
+        self.aligned_ns = 0
         self._position: tuple[float, float, float] | None = None
         latitude = self._number("initial.latitude_deg")
         if not math.isnan(latitude):
             longitude = math.radians(self._number("initial.longitude_deg"))
             self._position = (math.radians(latitude), longitude, self._number("initial.height"))
+        self.position_stddev = (self._number("initial.position_stddev"),) * 3
+        self.covariance: NDArray[np.float64] | None = None
+        self._feedback: list[Feedback] = []
+        self._followed_ns = 0
         self._align()
         self._moved_since_fix = False
 
     def _align(self) -> None:
         self.stops.forget()
         self._history.clear()
+        self._feedback.clear()
+        self.covariance = None
         gyro_bias_stddev = math.sqrt(float(self.gyro_bias_covariance.diagonal().max()))
         self._alignment = CoarseAlignment(
             self._duration, gyro_bias_stddev, self.accel_bias_stddev, self._number("alignment.max_speed")
@@ -182,7 +238,9 @@ class Navigator:
         except ZuptError as error:
             self.health.note(f"{name} refused", INFO, f"{name} refused: {error}", self.stamp_ns)
             return False, str(error)
-        if correction is not None:
+        if self.stops.passive:
+            text += "; left to alignment_node's filter"
+        elif correction is not None:
             self._correct(correction)
             level = max(self.stops.level_variance, 0.0)
             self.attitude_covariance = np.diag([level, level, self.stops.covariance[3, 3]])
@@ -197,12 +255,98 @@ class Navigator:
         self.state = self._history.rerun(correction.stamp_ns, correction.state, self._without_bias)
         self._previous = self._without_bias(self._raw)
 
+    def follow(self, feedback: Feedback) -> None:
+        """Take what the filter found; it takes effect at its time, or at once where that has passed.
+
+        One that is older than the last, or comes twice, is left out; so is one whose state is not remembered.
+        """
+        if feedback.stamp_ns > self.stamp_ns + _AHEAD_NS:
+            self.health.note(
+                "feedback ahead",
+                INFO,
+                f"ins/feedback: {(feedback.stamp_ns - self.stamp_ns) * 1e-9:.1f} s ahead of imu/data_raw: left out",
+                self.stamp_ns,
+            )
+            return
+        if feedback.stamp_ns <= max(self._followed_ns, *(f.stamp_ns for f in self._feedback), 0):
+            self.health.note(
+                "feedback repeated", INFO, "ins/feedback: older than the last, or repeated: left out", self.stamp_ns
+            )
+            return
+        self._feedback.append(feedback)
+        if self.state is not None and feedback.apply_ns < self.stamp_ns:
+            self.health.note("feedback late", INFO, "ins/feedback: late, taken at once", self.stamp_ns)
+            self._go_on()
+
+    def solution(self) -> tuple[Feedback, int] | None:
+        """The present solution, for a filter that begins later, and the stamp at which alignment ended."""
+        if self.state is None:
+            return None
+        p = np.zeros((15, 15))
+        if self.covariance is not None:
+            p[:] = self.covariance
+            age = (self.stamp_ns - self._followed_ns) * 1e-9
+        else:
+            p[0:3, 0:3] = np.diag(np.square(self.position_stddev))
+            p[6:9, 6:9] = self.attitude_covariance
+            p[9:12, 9:12] = self.gyro_bias_covariance
+            p[12:15, 12:15] = np.eye(3) * self.accel_bias_stddev**2
+            age = (self.stamp_ns - self.aligned_ns) * 1e-9
+        acceleration = 9.81 * math.sqrt(p[6, 6] + p[7, 7])  # dead reckoned since
+        speed = acceleration * age + _SPEED_STDDEV
+        p[3:6, 3:6] += np.eye(3) * speed**2
+        p[0:3, 0:3] += np.eye(3) * (speed * age) ** 2
+        feedback = Feedback(
+            self.stamp_ns,
+            self.stamp_ns,
+            self.state,
+            self.gyro_bias,  # type: ignore[arg-type]
+            self.accel_bias,  # type: ignore[arg-type]
+            p,
+            self.phase is Phase.NAVIGATING,
+        )
+        return feedback, self.aligned_ns
+
+    def _go_on(self) -> None:
+        """From the newest feedback that is due."""
+        due = (feedback for feedback in self._feedback if feedback.apply_ns <= self.stamp_ns)
+        newest = max(due, key=lambda feedback: feedback.stamp_ns)
+        self._feedback = [feedback for feedback in self._feedback if feedback.stamp_ns > newest.stamp_ns]
+        entry = self._history.at(newest.stamp_ns)
+        if entry.stamp_ns != newest.stamp_ns:  # too old, or that sample was lost here
+            self.health.note(
+                "feedback lost",
+                WARN,
+                f"ins/feedback: of a time {(self.stamp_ns - newest.stamp_ns) * 1e-9:.1f} s ago, of which nothing is "
+                "remembered: left out",
+                self.stamp_ns,
+            )
+            return
+        state = newest.state
+        self._followed_ns = newest.stamp_ns
+        self.stops.turned_by(strapdown.heading_change(entry.state, state))
+        self.accel_bias = self.stops.accel_bias = newest.accel_bias
+        self.covariance = p = newest.covariance
+        self.gyro_bias_covariance, self.accel_bias_covariance = p[9:12, 9:12], p[12:15, 12:15]
+        self.attitude_covariance = p[6:9, 6:9]  # n is free in azimuth, but level
+        self.changes += 1
+        self.phase = Phase.NAVIGATING if newest.aligned else Phase.FINE
+        self._correct(Correction(entry.stamp_ns, state, newest.gyro_bias))
+
     @property
     def progress(self) -> float:
         """Share of the alignment done, 0 to 1."""
         return 1.0 if self.phase is Phase.NAVIGATING else min(1.0, self._alignment.time / self._duration)
 
-    def add_fix(self, stamp_ns: int, status: int, latitude_deg: float, longitude_deg: float, height: float) -> None:
+    def add_fix(
+        self,
+        stamp_ns: int,
+        status: int,
+        latitude_deg: float,
+        longitude_deg: float,
+        height: float,
+        covariance: Sequence[float] = (),
+    ) -> None:
         """Take a satellite fix (NavSatFix: status below 0 is no fix).
 
         The first valid one gives the position, unless parameters do; where alignment had to start again, so does the
@@ -215,6 +359,8 @@ class Navigator:
         latitude_deg, longitude_deg : float
         height : float
             Ellipsoidal, m.
+        covariance : sequence of float
+            East, north, up, row by row, m²; empty: not given.
         """
         if status < 0:
             self.health.note("no fix", INFO, "gnss/fix: no fix (status < 0)", stamp_ns)
@@ -234,6 +380,9 @@ class Navigator:
                 self.health.note("no height", WARN, "gnss/fix: altitude is not a number, taken as 0 m", stamp_ns)
                 height = 0.0
             self._position = (math.radians(latitude_deg), math.radians(longitude_deg), height)
+            matrix = Settings.of("gnss", self.parameters).covariance(covariance, 3)
+            east, north, up = np.sqrt(matrix.diagonal()).tolist()
+            self.position_stddev = (max(east, north), max(east, north), up)
 
     def add_imu(self, stamp_ns: int, wx: float, wy: float, wz: float, fx: float, fy: float, fz: float) -> bool:
         """Take one IMU sample on the IMU's axes; True when there is a new solution.
@@ -285,8 +434,23 @@ class Navigator:
         if self.state is None:
             self._coarse(previous, sample)
             return self.state is not None
+        return self._advance(stamp_ns, raw, previous, sample, change)
+
+    def _advance(
+        self,
+        stamp_ns: int,
+        raw: strapdown.Sample,
+        previous: strapdown.Sample,
+        sample: strapdown.Sample,
+        change: Change | None,
+    ) -> bool:
+        """Navigate over a sample; True when there is a new solution."""
+        assert self.state is not None
         self.state = strapdown.step(self.state, previous, sample, self._instantaneous, self._vertical)
         self._history.add(stamp_ns, raw, self.state)
+        if self._feedback and self._feedback[0].apply_ns <= stamp_ns:
+            self._go_on()
+        self.stops.passive = stamp_ns - self._followed_ns < _FOLLOWS_NS
         correction = self.stops.advance(change, self._history, stamp_ns, self.gyro_bias)  # type: ignore[arg-type]
         if correction is not None:
             self._correct(correction)
@@ -339,6 +503,7 @@ class Navigator:
         if self.map is None:  # it stays where it was when alignment is repeated
             self.map = strapdown.MapFrame(lat, lon, height)
         self.changes += 1
+        self.aligned_ns = self.stamp_ns
         self.attitude_covariance = alignment.covariance
         self.phase = Phase.NAVIGATING
         roll, pitch, yaw = attitude.to_euler(alignment.q_gb)

@@ -85,6 +85,18 @@ class Parameter:
         return number
 
 
+def _aid(name: str, topic: str, stddev: float, least: float, unit: str, where: str) -> tuple[Parameter, ...]:
+    """What every aid has."""
+    return (
+        Parameter(f"{name}.enabled", True, f"use {topic}"),
+        Parameter(f"{name}.default_stddev", stddev, f"of a message without covariance, each axis, {unit}", 1e-6),
+        Parameter(f"{name}.min_stddev", least, f"no covariance is believed below this, {unit}", 1e-6),
+        Parameter(f"{name}.lever_arm", [0.0, 0.0, 0.0], f"{where} from the IMU, base_link's axes, m", -1e3, 1e3),
+        Parameter(f"{name}.delay", 0.0, "how long before its stamp it was measured, s", -1.0, 10.0),
+        Parameter(f"{name}.gate", 1e-4, "probability with which a good measurement is rejected", 1e-12, 0.5),
+    )
+
+
 PARAMETERS = (
     Parameter(
         "imu.sampling",
@@ -113,7 +125,27 @@ PARAMETERS = (
         "random walk of the gyro biases: their change in an hour, deg/h; how soon a ZUPT is out of date",
         0.0,
     ),
+    Parameter(
+        "imu.accel_bias_walk_mg_per_sqrt_hour",
+        0.01,
+        "random walk of the accelerometer biases: their change in an hour, 1e-3 g",
+        0.0,
+    ),
     Parameter("imu.accel_bias_stddev_mg", 0.05, "uncertainty of the accelerometer biases, 1e-3 g", 0.0),
+    Parameter(
+        "imu.gyro_noise_deg_per_sqrt_hour",
+        NAN,
+        "white noise of the gyros; not given: learnt at rest. Needed where it exceeds stop.sway_deg_per_s",
+        0.0,
+        100.0,
+    ),
+    Parameter(
+        "imu.accel_noise_ug_per_sqrt_hz",
+        NAN,
+        "white noise of the accelerometers; not given: learnt at rest. Needed where it exceeds stop.vibration",
+        0.0,
+        1e5,
+    ),
     Parameter(
         "imu.max_angular_velocity", 35.0, "samples with a faster rate are rejected, rad/s (35 is 2000 deg/s)", 0.1
     ),
@@ -122,6 +154,7 @@ PARAMETERS = (
     Parameter("initial.latitude_deg", NAN, "latitude of the start; not given: from the first valid gnss/fix", -90, 90),
     Parameter("initial.longitude_deg", NAN, "longitude of the start", -360.0, 360.0),
     Parameter("initial.height", NAN, "ellipsoidal height of the start, m", -12e3, 1e6),
+    Parameter("initial.position_stddev", 1.0, "uncertainty of that place, each axis, m", 0.0, 1e6),
     Parameter(
         "initial.heading_deg", NAN, "heading at rest, clockwise from north; given: only the level is sought", -360, 360
     ),
@@ -131,6 +164,14 @@ PARAMETERS = (
     Parameter(
         "alignment.max_speed", 2.0, "a base that goes faster than this while aligning has moved off, m/s", 0.01, 100.0
     ),
+    Parameter(
+        "alignment.fine_heading_deg",
+        0.0,
+        "fine alignment (alignment_node) ends when the heading's sigma is below this, deg; 0: only by time",
+        0.0,
+        180.0,
+    ),
+    Parameter("alignment.fine_duration", 300.0, "or after this time since the first sample, s", 0.0, 86400.0),
     Parameter(
         "navigation.vertical_channel",
         False,
@@ -163,20 +204,6 @@ PARAMETERS = (
         "stop.false_alarm_probability", 1e-3, "share of windows at rest that may be taken for shaking", 1e-9, 0.1
     ),
     Parameter(
-        "stop.gyro_noise_deg_per_sqrt_hour",
-        NAN,
-        "white noise of the gyros; not given: learnt at rest. Needed where it exceeds stop.sway_deg_per_s",
-        0.0,
-        100.0,
-    ),
-    Parameter(
-        "stop.accel_noise_ug_per_sqrt_hz",
-        NAN,
-        "white noise of the accelerometers; not given: learnt at rest. Needed where it exceeds stop.vibration",
-        0.0,
-        1e5,
-    ),
-    Parameter(
         "stop_detector.start_sequence",
         "zupt1",
         "zupt1: call it until it has succeeded at two stops, then zupt2; zupt2: from the first stop on; none: from "
@@ -198,6 +225,35 @@ PARAMETERS = (
         1.0,
         3600.0,
     ),
+    Parameter(
+        "aiding.max_delay",
+        2.0,
+        "messages of aids that come later than this after their stamp are left out, s",
+        0.1,
+        8.0,
+    ),
+    Parameter("aiding.until_aligned", False, "use aids for fine alignment only, then navigate free inertial"),
+    Parameter("aiding.height_walk", 0.3, "random walk of height where no vertical channel carries it, m/√s", 0.0, 10.0),
+    Parameter(
+        "aiding.stops",
+        "updates",
+        "what the filter takes from stops: updates: zero velocity each second and the run-off of yaw; zupt: what ZUPT "
+        "calls measure, and zero velocity with them; none",
+        choices=("updates", "zupt", "none"),
+    ),
+    Parameter("aiding.stop_velocity_stddev", 0.02, "of the mean velocity over a second of a stop, m/s", 1e-4, 1.0),
+    *_aid("gnss", "gnss/fix", 3.0, 0.01, "m", "antenna"),
+    Parameter("gnss.slow_stddev", 0.0, "besides, an error that changes slowly, each axis, m; 0: none", 0.0, 1e3),
+    Parameter("gnss.slow_time", 60.0, "its correlation time, s", 1.0, 1e5),
+    *_aid("gnss_velocity", "gnss/velocity", 0.2, 0.01, "m/s", "antenna"),
+    *_aid("log", "log", 0.2, 0.005, "m/s", "log"),
+    Parameter(
+        "log.mounting_rpy_deg", [0.0, 0.0, 0.0], "roll, pitch, yaw of the log's axes in base_link, deg", -360, 360
+    ),
+    Parameter("log.scale_stddev", 0.01, "error of its scale factor", 0.0, 1.0),
+    Parameter("log.misalignment_stddev_deg", 0.5, "of its axes, each angle, deg", 0.0, 45.0),
+    *_aid("depth", "depth", 0.1, 0.005, "m", "depth gauge"),
+    Parameter("depth.surface_height", 0.0, "ellipsoidal height of the water's surface, m", -200.0, 9000.0),
     Parameter("publish.rate", 0.0, "odometry, imu/data and fix a second; 0: one for every IMU sample", 0.0, 2000.0),
     Parameter("publish.tf", False, "publish map -> base_link on /tf too (needs tf2_msgs)"),
     Parameter("map_frame", "map", "frame_id of odometry: east-north-up at the start"),

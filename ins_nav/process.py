@@ -1,13 +1,16 @@
 """`ins_process`: the live system's core over a recording, without ROS, as fast as the machine allows."""
 
 import argparse
+import math
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 from tqdm import tqdm
 
 from ins_nav import messages
+from ins_nav.aided import AidedNavigator
 from ins_nav.bags import (
     BagError,
     BagReader,
@@ -20,26 +23,35 @@ from ins_nav.bags import (
     suggestion,
 )
 from ins_nav.errors import InsNavError, for_people
-from ins_nav.navigator import Navigator, Phase
+from ins_nav.navigator import Navigator
 from ins_nav.parameters import parse_assignment, read_file
 from ins_nav.stop_policy import StopPolicy
 
 _IMU, _FIX = "sensor_msgs/msg/Imu", "sensor_msgs/msg/NavSatFix"
 _ODOMETRY, _DIAGNOSTICS = "nav_msgs/msg/Odometry", "diagnostic_msgs/msg/DiagnosticArray"
 _BOOL = "std_msgs/msg/Bool"
+_TWIST, _POSE = "geometry_msgs/msg/TwistWithCovarianceStamped", "geometry_msgs/msg/PoseWithCovarianceStamped"
 _SECOND = 1_000_000_000
-INPUTS = {"/imu/data_raw": _IMU, "/gnss/fix": _FIX}
+INPUTS = {"/imu/data_raw": _IMU, "/gnss/fix": _FIX, "/gnss/velocity": _TWIST, "/log": _TWIST, "/depth": _POSE}
 """Topics that are read, with their types."""
-NODES = ("ins_node", "stop_detector_node")
-"""Nodes whose work can be done here; the first always is."""
+_FEEDS: dict[str, Callable[[AidedNavigator, Any], object]] = {
+    "/imu/data_raw": messages.feed_imu,
+    "/gnss/fix": messages.feed_fix,
+    "/gnss/velocity": messages.feed_gnss_velocity,
+    "/log": messages.feed_log,
+    "/depth": messages.feed_depth,
+}
+NODES = ("ins_node", "stop_detector_node", "alignment_node")
+"""Nodes whose work can be done here; the first always is, the second by default."""
 
 
 class Recorder:
     """Writes into a bag what the live node publishes, at the same stamps and rates."""
 
-    def __init__(self, writer: BagWriter, navigator: Navigator) -> None:
+    def __init__(self, writer: BagWriter, navigator: Navigator, aided: AidedNavigator | None) -> None:
         self._writer = writer
         self._navigator = navigator
+        self._aided = aided
         self._base_link = str(navigator.parameters["base_link_frame"])
         self._out = messages.SolutionMessages(message(_ODOMETRY), message(_IMU), message(_FIX), navigator)
         self._next_diagnostics_ns = 0
@@ -75,25 +87,31 @@ class Recorder:
         if stamp_ns < self._next_diagnostics_ns and not last:
             return
         self._next_diagnostics_ns = stamp_ns + _SECOND
-        level, text, values = messages.diagnostics(self._navigator)
-        status = message(
-            "diagnostic_msgs/msg/DiagnosticStatus",
-            level=level,
-            name="ins_process: navigation",
-            message=text,
-            hardware_id="imu",
-            values=[message("diagnostic_msgs/msg/KeyValue", key=key, value=value) for key, value in values.items()],
-        )
-        array = message(_DIAGNOSTICS, header=header(stamp_ns, ""), status=[status])
+        said = {"navigation": messages.diagnostics(self._navigator)}
+        if self._aided is not None:
+            said["alignment"] = messages.alignment_diagnostics(self._aided)
+        status = [
+            message(
+                "diagnostic_msgs/msg/DiagnosticStatus",
+                level=level,
+                name=f"ins_process: {subject}",
+                message=text,
+                hardware_id="imu",
+                values=[message("diagnostic_msgs/msg/KeyValue", key=key, value=value) for key, value in values.items()],
+            )
+            for subject, (level, text, values) in said.items()
+        ]
+        array = message(_DIAGNOSTICS, header=header(stamp_ns, ""), status=status)
         self._writer.write("diagnostics", _DIAGNOSTICS, array, stamp_ns)
 
 
 class Calls:
     """What `stop_detector_node` does: publishes ``stopped``, calls ZUPT services. Its detector is the navigator's."""
 
-    def __init__(self, navigator: Navigator, recorder: Recorder) -> None:
+    def __init__(self, navigator: Navigator, recorder: Recorder, aided: AidedNavigator | None) -> None:
         self._navigator = navigator
         self._recorder = recorder
+        self._aided = aided
         self._policy = StopPolicy.from_parameters(navigator.parameters)
         self._stopped: bool | None = None
         self._restarts = 0
@@ -117,6 +135,8 @@ class Calls:
             name, stop = policy.take(), policy.stop
             success, _ = navigator.zupt1() if name == "zupt1" else navigator.zupt2()
             policy.answered(name, stop, success)
+            if success and self._aided is not None:
+                self._aided.call_zupt(navigator.stamp_ns)
 
 
 def input_topics(reader: BagReader, remap: dict[str, str]) -> dict[str, str]:
@@ -147,8 +167,7 @@ def feed(navigator: Navigator, topic: str, content: object) -> bool:
     """Give a message of one of the `INPUTS` to the navigator; True when there is a new solution."""
     if topic == "/gnss/fix":
         messages.feed_fix(navigator, content)
-        return False
-    return messages.feed_imu(navigator, content)
+    return topic == "/imu/data_raw" and messages.feed_imu(navigator, content)
 
 
 def parse_remaps(texts: Iterable[str]) -> dict[str, str]:
@@ -167,8 +186,10 @@ def parse_remaps(texts: Iterable[str]) -> dict[str, str]:
     return remap
 
 
-def _with_progress(reader: BagReader, raw_messages: Iterable[RawMessage], navigator: Navigator) -> Iterator[RawMessage]:
-    """The messages, with a bar over the recording's time; the navigator's reports are printed above it."""
+def _with_progress(
+    reader: BagReader, raw_messages: Iterable[RawMessage], navigator: Navigator, aided: AidedNavigator | None
+) -> Iterator[RawMessage]:
+    """The messages, with a bar over the recording's time; the navigators' reports are printed above it."""
     duration = (reader.end_ns - reader.start_ns) / _SECOND
     layout = "{l_bar}{bar}| {n:.0f}/{total:.0f} s [{elapsed}<{remaining}{postfix}]"
     with tqdm(total=duration, disable=None, bar_format=layout) as bar:
@@ -176,11 +197,20 @@ def _with_progress(reader: BagReader, raw_messages: Iterable[RawMessage], naviga
             yield raw
             done = (raw.stamp_ns - reader.start_ns) / _SECOND
             if done - bar.n >= 1.0:
-                bar.set_postfix_str(navigator.phase.value, refresh=False)
+                bar.set_postfix_str(_phase(navigator, aided), refresh=False)
                 bar.update(done - bar.n)
-            for report in navigator.health.drain():
+            told = navigator.health.drain()
+            if aided is not None:  # much of it is the same
+                told += [report for report in aided.health.drain() if report not in told]
+            for report in told:
                 bar.write(f"[{report.level}] {report.text}", file=sys.stderr)
         bar.update(duration - bar.n)
+
+
+def _phase(navigator: Navigator, aided: AidedNavigator | None) -> str:
+    if aided is None or aided.filter is None:
+        return navigator.phase.value
+    return f"{aided.phase.value}, heading ± {math.degrees(aided.filter.heading_stddev):.2f}°"
 
 
 @for_people("ins_process")
@@ -195,17 +225,23 @@ def main(argv: Sequence[str] | None = None) -> int | None:
         overrides |= read_file(file, *args.nodes, "ins_node", "ins_process")
     overrides |= dict(map(parse_assignment, args.param))
     navigator = Navigator(overrides)
+    aided = AidedNavigator(overrides) if "alignment_node" in args.nodes else None
     if args.output.resolve() in (args.bag.resolve(), args.bag.resolve().parent):
         raise InsNavError(f"{args.output}: is where the recording itself is; choose another name")
     damage = None
     with BagReader(args.bag) as reader:
         names = input_topics(reader, parse_remaps(args.remap))
         with BagWriter(args.output, args.overwrite) as writer:
-            recorder = Recorder(writer, navigator)
-            calls = Calls(navigator, recorder) if "stop_detector_node" in args.nodes else None
+            recorder = Recorder(writer, navigator, aided)
+            calls = Calls(navigator, recorder, aided) if "stop_detector_node" in args.nodes else None
             try:
-                for raw in _with_progress(reader, reader.messages(names), navigator):
-                    if feed(navigator, names[raw.topic], reader.deserialize(raw)):
+                for raw in _with_progress(reader, reader.messages(names), navigator, aided):
+                    topic, content = names[raw.topic], reader.deserialize(raw)
+                    if aided is not None:
+                        _FEEDS[topic](aided, content)
+                        for feedback in aided.drain():
+                            navigator.follow(feedback)
+                    if feed(navigator, topic, content):
                         recorder.solution()
                     if calls is not None:
                         calls.after_sample()
@@ -224,7 +260,7 @@ def main(argv: Sequence[str] | None = None) -> int | None:
     )
     if damage is not None:
         raise damage
-    if navigator.phase is not Phase.NAVIGATING:
+    if navigator.state is None:
         raise InsNavError(f"{args.bag}: ended while {navigator.phase.value}: {_why(navigator)}")
     return 0
 
@@ -261,9 +297,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--nodes",
         nargs="+",
-        default=NODES,
+        default=NODES[:2],
         metavar="NODE",
-        help=f"nodes whose work is done (default: {' '.join(NODES)}; ins_node always is)",
+        help=f"nodes whose work is done, of {', '.join(NODES)} (default: the first two; ins_node always is)",
     )
     parser.add_argument("--overwrite", action="store_true", help="replace a bag that is there")
     return parser

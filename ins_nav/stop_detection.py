@@ -177,8 +177,8 @@ class StopLimits:
             vibration=number("vibration"),
             sway=math.radians(number("sway_deg_per_s")),
             false_alarm=number("false_alarm_probability"),
-            gyro_noise=math.radians(number("gyro_noise_deg_per_sqrt_hour")) / 60.0,
-            accel_noise=number("accel_noise_ug_per_sqrt_hz") * _MICRO_G,
+            gyro_noise=math.radians(float(values["imu.gyro_noise_deg_per_sqrt_hour"])) / 60.0,  # type: ignore[arg-type]
+            accel_noise=float(values["imu.accel_noise_ug_per_sqrt_hz"]) * _MICRO_G,  # type: ignore[arg-type]
         )
 
 

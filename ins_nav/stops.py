@@ -50,7 +50,7 @@ _MARGIN = 1.0
 """s before the vehicle is seen to move that are not counted as rest: it moves before that shows in its velocity."""
 _ARRIVAL_NS = 1_000_000_000
 """ns after which a vehicle that stopped does not swing on its springs any more."""
-_DOUBT_SIGMAS, _DOUBT_SPEED = 10.0, 2.0
+DOUBT_SIGMAS, DOUBT_SPEED = 10.0, 2.0
 """A stop is none where the solution is faster than so many sigmas and so many m/s: even motion looks like rest, and
 sigmas go with parameters that may not be those of this IMU."""
 _LONGEST_REST = 1800.0
@@ -148,6 +148,10 @@ class Stops:
         Stops at which velocity was corrected.
     doubted : int
         Stops that were none, by the speed of the solution.
+    passive : bool
+        The filter corrects the solution: here stops are only measured.
+    accel_bias : 3 floats
+        In use, m/s².
     velocity_error : float
         Found at the beginning of the last stop, m/s.
     """
@@ -163,7 +167,8 @@ class Stops:
         self._max_rocking = math.radians(number("zupt.max_rocking_deg"))
         self._drift_walk = number("imu.gyro_bias_walk_deg_per_hour_per_sqrt_hour") * _DEG_PER_HOUR / 60.0
         self._accel_stddev = number("imu.accel_bias_stddev_mg") * MILLI_G
-        self._accel_bias: Triple = tuple(x * MILLI_G for x in values["imu.accel_bias_mg"])  # type: ignore
+        self.accel_bias: Triple = tuple(x * MILLI_G for x in values["imu.accel_bias_mg"])  # type: ignore
+        self.passive = False
         self.restart()
 
     def restart(self) -> None:
@@ -262,6 +267,10 @@ class Stops:
             self._stop = self._new(self._settled_ns, Rest(history.at(self._settled_ns).state), bias)
         return self._hold(_HOLD_NS, history, bias)
 
+    def turned_by(self, angle: float) -> None:
+        """The filter has turned the solution about the vertical, rad, left positive."""
+        self._removed -= angle
+
     def _new(self, stamp_ns: int, rest: Rest, bias: Triple) -> _Stop:
         """A stop that begins now, on settled data."""
         prior = self._prior(stamp_ns)
@@ -282,14 +291,14 @@ class Stops:
         if not entries:
             return
         stop = self._stop
-        previous = _without(history.at(self._settled_ns).raw, stop.bias, self._accel_bias) if stop else None
+        previous = _without(history.at(self._settled_ns).raw, stop.bias, self.accel_bias) if stop else None
         x = y = z = 0.0
         for entry in entries:
             h = entry.raw[0]
             ux, uy, uz = _row(entry.state, 2)
             x, y, z = x + h * ux, y + h * uy, z + h * uz
             if stop is not None and previous is not None:
-                sample = _without(entry.raw, stop.bias, self._accel_bias)
+                sample = _without(entry.raw, stop.bias, self.accel_bias)
                 stop.rest.add(previous, sample, self._instantaneous)
                 previous = sample
         turn = np.array([x, y, z])
@@ -306,7 +315,7 @@ class Stops:
         if rest_ns > self._settled_ns:
             self._settle(rest_ns, history, bias)
             correction = self._hold(_HOLD_NS // 5, history, bias)
-        elif self._zero_velocity and rest_ns < self._held_ns:
+        elif self._zero_velocity and not self.passive and rest_ns < self._held_ns:
             end = history.at(max(rest_ns, self._calibrated_ns))
             self._held_ns = end.stamp_ns
             correction = Correction(end.stamp_ns, end.state, bias)
@@ -330,13 +339,13 @@ class Stops:
             grown, stddev = self._grown((since_ns - self._held_ns) * 1e-9)
             time += grown
             self.velocity_error = math.hypot(vx, vy)
-            if self.velocity_error > _DOUBT_SPEED + _DOUBT_SIGMAS * stddev:
+            if self.velocity_error > DOUBT_SPEED + DOUBT_SIGMAS * stddev:
                 self._stop, self.doubted = None, self.doubted + 1
                 self._health.note("stops doubted", WARN, f"stop not used: {self._doubt()}", self._settled_ns)
                 return None
             self.held += 1
         self._held_ns = self._settled_ns
-        if not self._zero_velocity:
+        if not self._zero_velocity or self.passive:
             return None
         back = (-vx * time, -vy * time, -vz * time)
         state = strapdown.corrected(entries[-1].state, back, (-vx, -vy, -vz))
@@ -420,21 +429,23 @@ class Stops:
             self._first = stop
             raise
         self._first = None
+        text = self._sentence(found, stop, True)
+        if self.passive:
+            return text, None
         correction = self._apply(found, stop, result, history)
         self._stop = self._new(correction.stamp_ns, Rest(correction.state), correction.gyro_bias)
         self._held_ns = correction.stamp_ns
-        return self._sentence(found, correction.gyro_bias, True), correction
+        return text, correction
 
     def zupt2(self, history: History, bias: Triple) -> tuple[str, Correction | None]:
         """Drifts, the azimuth trusted; parameters, results and errors as of `zupt1`."""
         stop, result = self._measured()
         found, contradicted = zupt2_update(result.measurement, stop.prior, stop.before)
         name = "walk_deg_per_hour_per_sqrt_hour" if self.calibrations else "stddev_deg_per_hour"
-        correction = self._apply(found, stop, result, history)
-        text = self._sentence(found, correction.gyro_bias, False)
+        text = self._sentence(found, stop, False)
         if contradicted:
             text += f"; more than imu.gyro_bias_{name} allows: set it to what the gyros have"
-        return text, correction
+        return text, None if self.passive else self._apply(found, stop, result, history)
 
     def _measured(self) -> tuple[_Stop, RestResult]:
         """The present stop and what it shows.
@@ -499,8 +510,8 @@ class Stops:
         self.calibrations += 1
         return Correction(entry.stamp_ns, state, bias)
 
-    def _sentence(self, found: Calibration, bias: Triple, with_azimuth: bool) -> str:
-        return replace(found, drift=np.asarray(bias)).sentence(with_azimuth)
+    def _sentence(self, found: Calibration, stop: _Stop, with_azimuth: bool) -> str:
+        return replace(found, drift=np.asarray(stop.bias) + found.drift).sentence(with_azimuth)
 
 
 def _row(state: State, i: int) -> Triple:

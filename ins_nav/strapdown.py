@@ -352,6 +352,12 @@ def corrected(
     return (*q_nb, vx + velocity[0], vy + velocity[1], vz + velocity[2], *q_en, height + dz)
 
 
+def heading_change(before: State, after: State) -> float:
+    """Turn of the body about the vertical from one solution to another of the same instant, rad, left positive."""
+    yaw = (attitude.to_euler(geodetic(state).q_gb)[2] for state in (before, after))
+    return math.remainder(-next(yaw) + next(yaw), 2.0 * math.pi)
+
+
 @dataclass(frozen=True, slots=True)
 class Geodetic:
     """A state in the user's terms: geodetic position, rad and m; east-north-up velocity, m/s; body to ENU."""

@@ -75,7 +75,7 @@ def by_stamp(listener: Listener, topic: str) -> dict[int, object]:
 
 def test_live_equals_ins_process(drive: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    assert process([str(drive), "-o", str(out), "--param", DURATION]) == 0
+    assert process([str(drive), "-o", str(out), "--nodes", "ins_node", "--param", DURATION]) == 0
     offline: dict[str, dict[int, object]] = {"/odometry": {}, "/imu/data": {}, "/fix": {}}
     with BagReader(out) as reader:
         for raw in reader.messages(list(offline)):

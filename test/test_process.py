@@ -14,7 +14,8 @@ from ins_nav.simulation.recording import write_bag
 from ins_nav.simulation.scenarios import simulate
 
 POSITION = ("--param", "initial.latitude_deg:=60", "--param", "initial.longitude_deg:=30", "--param")
-START = (*POSITION, "initial.height:=0", "--param", "alignment.duration:=30")
+ALONE = ("--nodes", "ins_node")
+START = (*POSITION, "initial.height:=0", "--param", "alignment.duration:=30", *ALONE)
 
 
 @pytest.fixture(scope="module")

@@ -331,8 +331,8 @@ def test_noise_is_learnt_or_given() -> None:
     run(standing, learner)
     assert np.array(learner.noise) == pytest.approx(true, rel=0.35)
     values = default_values() | {
-        "stop.gyro_noise_deg_per_sqrt_hour": 0.3,
-        "stop.accel_noise_ug_per_sqrt_hz": 150.0,
+        "imu.gyro_noise_deg_per_sqrt_hour": 0.3,
+        "imu.accel_noise_ug_per_sqrt_hz": 150.0,
         "stop.sway_deg_per_s": 0.06,
     }
     limits = StopLimits.from_parameters(values)

@@ -14,12 +14,15 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import Imu, NavSatFix
+from std_msgs.msg import Float64MultiArray, Header
 from std_srvs.srv import Trigger
 
 from ins_nav import messages
 from ins_nav.errors import InsNavError, for_people
+from ins_nav.health import WARN
 from ins_nav.navigator import Navigator
 from ins_nav.nodes import parameters, runtime
+from ins_nav.nodes.alignment_node import feedback_message
 from ins_nav.nodes.reporting import Reporter
 
 _IMU_DEPTH = 10_000
@@ -60,6 +63,11 @@ class InsNode(Node):
         self.create_subscription(
             NavSatFix, "gnss/fix", self._on_fix, _qos(10, best_effort), qos_overriding_options=overriding
         )
+        inside = _qos(100, reliable)
+        self._solution = self.create_publisher(Float64MultiArray, "ins/solution", inside)
+        self._called = self.create_publisher(Header, "ins/called", inside)
+        self._solution_message = feedback_message()
+        self.create_subscription(Float64MultiArray, "ins/feedback", self._on_feedback, inside)
         self.create_service(Trigger, "~/align", self._on_align)
         self.create_service(Trigger, "~/zupt1", self._on_zupt1)
         self.create_service(Trigger, "~/zupt2", self._on_zupt2)
@@ -118,24 +126,51 @@ class InsNode(Node):
     def _on_align(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         response.success = True
         response.message = self._navigator.align()
+        self._publish_call("align")
         return response
+
+    def _on_feedback(self, message: Float64MultiArray) -> None:
+        feedback = messages.read_feedback(message)
+        if feedback is None:
+            self._navigator.health.note(
+                "feedback malformed",
+                WARN,
+                f"ins/feedback: {len(message.data)} numbers that are not a feedback, left out: is alignment_node of "
+                "another version?",
+                self._navigator.stamp_ns,
+            )
+        else:
+            self._navigator.follow(feedback)
 
     def _on_zupt1(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        return self._answer(response, *self._navigator.zupt1())
+        return self._answer("zupt1", response, *self._navigator.zupt1())
 
     def _on_zupt2(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        return self._answer(response, *self._navigator.zupt2())
+        return self._answer("zupt2", response, *self._navigator.zupt2())
 
-    def _answer(self, response: Trigger.Response, success: bool, text: str) -> Trigger.Response:
+    def _answer(self, service: str, response: Trigger.Response, success: bool, text: str) -> Trigger.Response:
         response.success, response.message = success, text
+        if success:
+            self._publish_call(service)
         self._log()
         return response
+
+    def _publish_call(self, service: str) -> None:
+        """Tell `alignment_node` of a service that was called."""
+        header = Header(frame_id=service)
+        header.stamp.sec, header.stamp.nanosec = divmod(self._navigator.stamp_ns, 1_000_000_000)
+        self._called.publish(header)
 
     def _log(self) -> None:
         self._reporter.log(self._navigator.health)
 
     def _on_timer(self) -> None:
         self._log()
+        solution = self._navigator.solution()
+        if solution is not None:
+            feedback, aligned_ns = solution
+            messages.fill_feedback(self._solution_message, feedback._replace(apply_ns=aligned_ns))
+            self._solution.publish(self._solution_message)
         silent_for = self._reporter.silent_for(self._navigator.stream.received)
         self._reporter.publish(*messages.diagnostics(self._navigator, silent_for))
 

@@ -158,37 +158,68 @@ def static(p: Values) -> Motion:
     )
 
 
+_ROCKING = {
+    "duration": 900.0,
+    "rate": 400.0,
+    "imu.preset": "fog_auv",
+    "rocking_time": Parameter(300.0, "s", "how long it rocks; it settles within 5 s then", 0.0),
+    "period": Parameter(11.0, "s", "period of roll and pitch", 0.1),
+    "roll_amplitude_deg": Parameter(5.0, "deg", "amplitude of roll", 0.0, 90.0),
+    "pitch_amplitude_deg": Parameter(5.0, "deg", "amplitude of pitch", 0.0, 60.0),
+    "pitch_phase_deg": Parameter(90.0, "deg", "phase of pitch before roll"),
+    "linear_period": Parameter(8.0, "s", "period of surge, sway and heave", 0.1),
+    "surge_amplitude": Parameter(0.0, "m", "amplitude forward", 0.0),
+    "sway_amplitude": Parameter(0.0, "m", "amplitude to the left, a third of a period after surge", 0.0),
+    "heave_amplitude": Parameter(0.0, "m", "amplitude up, two thirds of a period after surge", 0.0),
+}
+_SWELL = _ROCKING | {
+    "lat_deg": 55.7,
+    "rocking_time": Parameter(900.0, "s", "how long it rocks; it settles within 5 s then", 0.0),
+    "surge_amplitude": Parameter(0.5, "m", "amplitude forward", 0.0),
+    "heave_amplitude": Parameter(0.5, "m", "amplitude up, two thirds of a period after surge", 0.0),
+}
+
+
+@scenario("Rocks about a constant heading as on a bench, then stands still.", _ROCKING)
+def rocking(p: Values) -> Motion:
+    return _rocking(p, constant(_yaw(p)))
+
+
+@scenario("Rocks in swell at the surface, heading kept: fine alignment with satellite position.", _SWELL)
+def swell_alignment(p: Values) -> Motion:
+    return _rocking(p, constant(_yaw(p)))
+
+
 @scenario(
-    "Rocks about a constant heading as on a bench, then stands still.",
-    {
-        "duration": 900.0,
-        "rate": 400.0,
-        "imu.preset": "fog_auv",
-        "rocking_time": Parameter(300.0, "s", "how long it rocks; it settles within 5 s then", 0.0),
-        "period": Parameter(11.0, "s", "period of roll and pitch", 0.1),
-        "roll_amplitude_deg": Parameter(5.0, "deg", "amplitude of roll", 0.0, 90.0),
-        "pitch_amplitude_deg": Parameter(5.0, "deg", "amplitude of pitch", 0.0, 60.0),
-        "pitch_phase_deg": Parameter(90.0, "deg", "phase of pitch before roll"),
-        "linear_period": Parameter(8.0, "s", "period of surge, sway and heave", 0.1),
-        "surge_amplitude": Parameter(0.0, "m", "amplitude forward", 0.0),
-        "sway_amplitude": Parameter(0.0, "m", "amplitude to the left, a third of a period after surge", 0.0),
-        "heave_amplitude": Parameter(0.0, "m", "amplitude up, two thirds of a period after surge", 0.0),
+    "The same with a turn: two positions, which show the gyros' biases and the heading together.",
+    _SWELL
+    | {
+        "turn_start": Parameter(150.0, "s", "when the turn begins", 0.0),
+        "turn_deg": Parameter(180.0, "deg", "how far it turns, to the left"),
+        "turn_time": Parameter(20.0, "s", "how long that takes", 0.1),
     },
 )
-def rocking(p: Values) -> Motion:
-    rocks = smooth_profile(1.0, [(p["rocking_time"], 5.0, 0.0)])
+def swell_alignment_turn(p: Values) -> Motion:
     yaw = _yaw(p)
+    turned = yaw + math.radians(p["turn_deg"])
+    return _rocking(p, smooth_profile(yaw, [(p["turn_start"], p["turn_time"], turned)]))
+
+
+def _rocking(p: Values, yaw: Signal) -> Motion:
+    """Roll and pitch about the heading; surge and sway along the first heading."""
+    rocks = smooth_profile(1.0, [(p["rocking_time"], 5.0, 0.0)])
+    along = _yaw(p)
     surge, sway, heave = (
         rocks * sinusoid(p[f"{axis}_amplitude"], p["linear_period"], -phase * 2.0 * math.pi / 3.0)
         for phase, axis in enumerate(("surge", "sway", "heave"))
     )
     return Motion(
         p["duration"],
-        yaw=constant(yaw),
+        yaw=yaw,
         roll=rocks * sinusoid(math.radians(p["roll_amplitude_deg"]), p["period"]),
         pitch=rocks * sinusoid(math.radians(p["pitch_amplitude_deg"]), p["period"], math.radians(p["pitch_phase_deg"])),
-        x=math.cos(yaw) * surge + -math.sin(yaw) * sway,
-        y=math.sin(yaw) * surge + math.cos(yaw) * sway,
+        x=math.cos(along) * surge + -math.sin(along) * sway,
+        y=math.sin(along) * surge + math.cos(along) * sway,
         z=heave,
     )
 

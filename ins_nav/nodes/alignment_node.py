@@ -1,0 +1,102 @@
+"""`alignment_node`: fine alignment and aided navigation by the feedback Kalman filter, for `ins_node`.
+
+Takes the IMU and the aids (satellite position and velocity, log, depth), aligns finely, and sends what it finds to
+`ins_node`, which goes on from there. A thin translator: `ins_nav.aided.AidedNavigator` does the work.
+"""
+
+import sys
+from typing import Any
+
+from geometry_msgs.msg import PoseWithCovarianceStamped, TwistWithCovarianceStamped
+from rclpy.node import Node
+from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions
+from sensor_msgs.msg import Imu, NavSatFix
+from std_msgs.msg import Float64MultiArray, Header, MultiArrayDimension
+
+from ins_nav import messages
+from ins_nav.aided import AidedNavigator
+from ins_nav.errors import for_people
+from ins_nav.nodes import parameters, runtime
+from ins_nav.nodes.reporting import Reporter
+
+_IMU_DEPTH = 2000
+"""5 s at 400 Hz, as `ins_node` has."""
+
+
+class AlignmentNode(Node):
+    """The node; see the package's README for topics and parameters.
+
+    Raises
+    ------
+    ParameterError
+    """
+
+    def __init__(self) -> None:
+        super().__init__("alignment_node")
+        self._navigator = AidedNavigator(parameters.declare(self))
+        self._reporter = Reporter(self, "alignment")
+        reliable = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=100, reliability=ReliabilityPolicy.RELIABLE)
+        self._out = self.create_publisher(Float64MultiArray, "ins/feedback", reliable)
+        self._feedback = feedback_message()
+        self._subscribe(Imu, "imu/data_raw", self._on_imu, _IMU_DEPTH)
+        self._subscribe(NavSatFix, "gnss/fix", messages.feed_fix)
+        self._subscribe(TwistWithCovarianceStamped, "gnss/velocity", messages.feed_gnss_velocity)
+        self._subscribe(TwistWithCovarianceStamped, "log", messages.feed_log)
+        self._subscribe(PoseWithCovarianceStamped, "depth", messages.feed_depth)
+        self.create_subscription(Float64MultiArray, "ins/solution", self._on_solution, reliable)
+        self.create_subscription(Header, "ins/called", self._on_called, reliable)
+        self.create_timer(1.0, self._on_timer)
+        self.get_logger().info("waiting for imu/data_raw")
+
+    def _subscribe(self, kind: Any, topic: str, feed: Any, depth: int = 100) -> None:
+        qos = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=depth, reliability=ReliabilityPolicy.BEST_EFFORT)
+        overriding = QoSOverridingOptions.with_default_policies()
+        self.create_subscription(
+            kind, topic, lambda message: feed(self._navigator, message), qos, qos_overriding_options=overriding
+        )
+
+    def _on_imu(self, navigator: AidedNavigator, message: Imu) -> None:
+        messages.feed_imu(navigator, message)
+        for feedback in navigator.drain():
+            messages.fill_feedback(self._feedback, feedback)
+            self._out.publish(self._feedback)
+        if navigator.health.pending:
+            self._reporter.log(navigator.health)
+
+    def _on_solution(self, message: Float64MultiArray) -> None:
+        solution = messages.read_feedback(message)
+        if solution is not None:
+            self._navigator.adopt(solution, solution.apply_ns)
+
+    def _on_called(self, message: Header) -> None:
+        """A service of `ins_node`, its name in the frame."""
+        if message.frame_id == "align":
+            self.get_logger().info(self._navigator.align())
+        else:
+            self._navigator.call_zupt(message.stamp.sec * 1_000_000_000 + message.stamp.nanosec)
+
+    def _on_timer(self) -> None:
+        self._reporter.log(self._navigator.health)
+        silent_for = self._reporter.silent_for(self._navigator.stream.received)
+        self._reporter.publish(*messages.alignment_diagnostics(self._navigator, silent_for))
+
+
+def feedback_message() -> Float64MultiArray:
+    """An empty one; the layout names its parts."""
+    message = Float64MultiArray()
+    for label, size in messages.FEEDBACK:
+        message.layout.dim.append(MultiArrayDimension(label=label, size=size, stride=size))
+    return message
+
+
+@for_people("alignment_node")
+def main(args: list[str] | None = None) -> None:
+    """Run the node until SIGINT or SIGTERM."""
+    if runtime.wants_no_node(runtime.init(args), "alignment_node", __doc__):
+        return
+    runtime.spin(AlignmentNode())
+
+
+if __name__ == "__main__":
+    sys.exit(main())
