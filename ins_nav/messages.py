@@ -161,7 +161,8 @@ class SolutionMessages:
         self.fix = fix
         self.first = False
         self._navigator = navigator
-        self._changes = self._aligned_ns = 0
+        self._changes = 0
+        self._began = (0, 0)
         rate = float(navigator.parameters["publish.rate"])  # type: ignore[arg-type]
         self._period_ns = round(_NS / rate) if rate else 0
         self._next_ns = 0
@@ -175,9 +176,9 @@ class SolutionMessages:
 
     def due(self) -> bool:
         """Whether the navigator's new solution is to be published; call it once for each."""
-        if self._aligned_ns != self._navigator.aligned_ns:
-            self._aligned_ns = self._navigator.aligned_ns
-            self._next_ns = 0
+        began = self._navigator.restarts, self._navigator.aligned_ns  # a recording that loops has the same stamps
+        if began != self._began:
+            self._began, self._next_ns = began, 0
         stamp_ns = self._navigator.stamp_ns
         if stamp_ns < self._next_ns:
             return False

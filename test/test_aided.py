@@ -27,6 +27,7 @@ from ins_nav.process import main
 from ins_nav.simulation.recording import write_bag
 from ins_nav.simulation.scenarios import Simulation, simulate
 
+BOTH = ("--nodes", "ins_node", "alignment_node")
 NS = 1_000_000_000
 PLACE = {"initial.latitude_deg": 55.7, "initial.longitude_deg": 37.6, "initial.height": 150.0}
 SHORT = {"alignment.duration": 20.0, "alignment.fine_duration": 40.0}
@@ -755,7 +756,7 @@ def _r(q: Any) -> Rotation:
 def test_covariances_of_the_messages(bag: Path, tmp_path: Path) -> None:
     """Each on its own axes: the errors of the fields, normalized by the covariance beside them."""
     out = tmp_path / "out"
-    assert main([str(bag), "-o", str(out), "--param", "alignment.duration:=20"]) == 0
+    assert main([str(bag), "-o", str(out), "--param", "alignment.duration:=20", *BOTH]) == 0
     odometry, imu, fix = (_series(out, t) for t in ("odometry", "imu/data", "fix"))
     true_odometry, true_fix = (_series(bag, t) for t in ("truth/odometry", "truth/fix"))
     begin = min(odometry)
@@ -842,7 +843,7 @@ def test_no_change_is_missed_at_a_low_rate(bag: Path, tmp_path: Path) -> None:
     """Covariances and biases go out with the next solution, whichever sample brought the change."""
     out = tmp_path / "out"
     few = ("--param", "alignment.duration:=20", "--param", "publish.rate:=0.7")
-    assert main([str(bag), "-o", str(out), *few]) == 0
+    assert main([str(bag), "-o", str(out), *few, *BOTH]) == 0
     odometry = list(_series(out, "odometry").values())
     variances = {o.pose.covariance[0] for o in odometry[3:]}
     assert len(variances) == len(odometry) - 3
