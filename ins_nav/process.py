@@ -108,7 +108,7 @@ class Recorder:
 class Calls:
     """What `stop_detector_node` does: publishes ``stopped``, calls ZUPT services. Its detector is the navigator's."""
 
-    def __init__(self, navigator: Navigator, recorder: Recorder, aided: AidedNavigator | None) -> None:
+    def __init__(self, navigator: Navigator, recorder: Recorder, aided: AidedNavigator | None = None) -> None:
         self._navigator = navigator
         self._recorder = recorder
         self._aided = aided
