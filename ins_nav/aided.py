@@ -27,21 +27,19 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from ins_nav import aids, strapdown
 from ins_nav.aids import Aid, Observation, Record
 from ins_nav.coarse_alignment import Alignment
-from ins_nav.earth import RATE, normal_gravity
 from ins_nav.error_filter import ErrorFilter, Measurement, Solution
-from ins_nav.error_model import COSINE, ErrorModel, SlowState, rotation_matrix
+from ins_nav.error_model import COSINE, ErrorModel, SlowState
 from ins_nav.health import INFO, WARN
 from ins_nav.history import LENGTH_NS
 from ins_nav.measurements import RestRate, ZeroVelocity
 from ins_nav.navigator import Feedback, Navigator, Phase
 from ins_nav.rest import Rest
 from ins_nav.stop_detection import Change
-from ins_nav.stops import DOUBT_SIGMAS, DOUBT_SPEED, MILLI_G, SETTLE_NS, Triple
+from ins_nav.stops import DOUBT_SIGMAS, DOUBT_SPEED, MILLI_G, SETTLE_NS, Triple, without
 from ins_nav.zupt import ZuptError
 
 Array = NDArray[np.float64]
@@ -241,33 +239,9 @@ class AidedNavigator(Navigator):
         self._noise = alignment.gyro_noise, alignment.accel_noise
         covariance = np.zeros((15, 15))
         covariance[0:6, 0:6] = np.diag(np.square([*self.position_stddev] + [velocity] * 3))
-        covariance[6:15, 6:15] = self._attitude_and_biases(alignment, lat, height)
+        covariance[6:15, 6:15] = alignment.joint
         self._filter_from(covariance, self.stamp_ns)
         self._before = self._raw
-
-    def _attitude_and_biases(self, alignment: Alignment, lat: float, height: float) -> Array:
-        """Covariance of attitude and both biases after coarse alignment, shape (9, 9).
-
-        That takes gravity and its motion as measured: level holds the accelerometers' biases, heading the east gyro's.
-        The filter must know, or it would take the same data for news once more.
-        """
-        cone, gravity = self._alignment.cone, alignment.gravity_ratio * normal_gravity(math.sin(lat), height)
-        turns = Rotation.from_quat(cone.q_b0b).inv() * Rotation.from_quat(cone.blocks().q_b0b)
-        east, north, _ = rotation_matrix(alignment.q_gb) @ turns.as_matrix().mean(axis=0)  # of the body, on average
-        biases = np.diag([self.gyro_bias_stddev**2] * 3 + [self.accel_bias_stddev**2] * 3)
-        level = self.accel_bias_stddev**2 / gravity**2
-        known, by_bias = np.array([level, level, 0.0]), np.zeros((3, 6))
-        by_bias[0, 3:], by_bias[1, 3:] = -north / gravity, east / gravity
-        if self._heading is None:
-            rate, up = RATE * math.cos(lat) + alignment.rate_error, RATE * math.sin(lat)
-            by_bias[2] = np.concatenate([-east, up / gravity * east]) / rate
-            known[2] = (self.gyro_bias_stddev**2 + up**2 * level) / rate**2
-        covariance = np.zeros((9, 9))
-        covariance[0:3, 0:3] = alignment.covariance - np.diag(known) + by_bias @ biases @ by_bias.T
-        covariance[0:3, 3:9] = by_bias @ biases
-        covariance[3:9, 0:3] = covariance[0:3, 3:9].T
-        covariance[3:9, 3:9] = biases
-        return covariance
 
     def adopt(self, feedback: Feedback, aligned_ns: int) -> bool:
         """Go on from the solution of a navigator that aligned before this one began; whether that was taken.
@@ -462,7 +436,7 @@ class AidedNavigator(Navigator):
             self._begin_segment()
             return
         accel = self._segment_accel
-        before, now = (_less(x, self._segment_bias, accel) for x in (self._before, raw))
+        before, now = (without(x, self._segment_bias, accel) for x in (self._before, raw))
         self._segment.add(before, now, self._instantaneous)
         mean, h = self._mean, raw[0]
         mean[0] += h
@@ -597,8 +571,3 @@ class AidedNavigator(Navigator):
                 self.phase is Phase.NAVIGATING,
             )
         )
-
-
-def _less(sample: strapdown.Sample, gyro: Triple, accel: Triple) -> strapdown.Sample:
-    h, wx, wy, wz, fx, fy, fz = sample
-    return h, wx - gyro[0], wy - gyro[1], wz - gyro[2], fx - accel[0], fy - accel[1], fz - accel[2]

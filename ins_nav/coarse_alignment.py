@@ -66,6 +66,10 @@ class Alignment:
         White noise of an axis, rad/√s and m/s/√s.
     heading_noise : float
         Sigma of heading without what the gyros' biases do to it, rad.
+    joint : ndarray, shape (9, 9)
+        Covariance of attitude and of the biases of gyros and accelerometers (computed less true, body axes; rad/s and
+        m/s²) together: level holds the accelerometers' biases, heading the east gyro's. A filter that goes on from
+        here must know, or it would take the same data for news once more.
     """
 
     q_gb: Quaternion
@@ -77,6 +81,7 @@ class Alignment:
     gyro_noise: float
     accel_noise: float
     heading_noise: float
+    joint: NDArray[np.float64]
 
     @property
     def heading_stddev(self) -> float:
@@ -246,7 +251,27 @@ class CoarseAlignment:
             math.sqrt(float(limits[1])),
             gravity * math.sqrt(float(limits[0]) * blocks.length),
             math.sqrt(fit.slope_variance) / abs(found_rate) if heading is None else heading_stddev,
+            self._joint(covariance, rot_gb, gravity, lat, found_rate if heading is None else math.inf),
         )
+
+    def _joint(
+        self, attitude: NDArray[np.float64], rot_gb: Rotation, gravity: float, lat: float, rate: float
+    ) -> NDArray[np.float64]:
+        """Covariance of attitude and biases together, shape (9, 9)."""
+        turns = Rotation.from_quat(self.cone.q_b0b).inv() * Rotation.from_quat(self.cone.blocks().q_b0b)
+        east, north, _ = rot_gb.as_matrix() @ turns.as_matrix().mean(axis=0)  # of the body, on average
+        biases = np.diag([self._gyro_bias_stddev**2] * 3 + [self._accel_bias_stddev**2] * 3)
+        tilt, up = self._accel_bias_stddev / gravity, RATE * math.sin(lat)
+        by_bias = np.zeros((3, 6))
+        by_bias[0, 3:], by_bias[1, 3:] = -north / gravity, east / gravity
+        by_bias[2] = np.concatenate([-east, up / gravity * east]) / rate
+        told = np.diag([tilt**2, tilt**2, (self._gyro_bias_stddev**2 + (up * tilt) ** 2) / rate**2])
+        joint = np.zeros((9, 9))
+        joint[0:3, 0:3] = attitude - told + by_bias @ biases @ by_bias.T
+        joint[0:3, 3:9] = by_bias @ biases
+        joint[3:9, 0:3] = joint[0:3, 3:9].T
+        joint[3:9, 3:9] = biases
+        return joint
 
     def _covariance(self, fit: TrendFit, gravity: float, lat: float, rate: float) -> NDArray[np.float64]:
         tilt = self._accel_bias_stddev / gravity

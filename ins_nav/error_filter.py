@@ -104,15 +104,6 @@ class _Track(NamedTuple):
     rejected: tuple[tuple[int, Array], ...]
 
 
-class Snapshot(NamedTuple):
-    """All that changes in a filter; nothing in it is ever written to."""
-
-    x: Array
-    p: Array
-    values: Array
-    tracks: dict[str, _Track]
-
-
 class ErrorFilter:
     """The filter.
 
@@ -170,14 +161,6 @@ class ErrorFilter:
         self._own_rate: Array = np.array([1.0 / s.correlation_time for s in own])
         self._relaxes = any(math.isfinite(s.correlation_time) for s in (*model.slow, *own))
         self._tracks: dict[str, _Track] = {}
-
-    def snapshot(self) -> Snapshot:
-        """The filter as it is, to come back to; costs next to nothing."""
-        return Snapshot(self.x, self.p, self.values, self._tracks)
-
-    def restore(self, snapshot: Snapshot) -> None:
-        """Go back to a snapshot of this filter."""
-        self.x, self.p, self.values, self._tracks = snapshot
 
     def own(self, aid: str) -> Array:
         """The aid's own states in use."""

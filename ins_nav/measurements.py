@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from ins_nav import strapdown
 from ins_nav.attitude import rotate
-from ins_nav.earth import RATE, geodetic_to_ecef
+from ins_nav.earth import geodetic_to_ecef
 from ins_nav.error_filter import Measurement, Solution
 from ins_nav.error_model import (
     ABSENT,
@@ -228,20 +228,6 @@ class ZeroVelocity:
         return Measurement(np.array(solution.state[4:7]), h, stddev**2 * np.eye(3), VELOCITY)
 
 
-class ZeroYawRate:
-    """The carrier stands: it turns about the vertical as the Earth does."""
-
-    def measure(self, solution: Solution, stddev: float) -> Measurement:
-        """Yaw rate of a standing carrier and noise of the gyros over its interval, rad/s."""
-        rate = rotate(solution.state[0:4], *solution.rate)  # type: ignore[arg-type]
-        ex, ey = solution.state[7:9]
-        h: Array = np.zeros((3, SIZE))
-        _turned(h, rate)
-        h[:, GYRO_BIAS] = -rotation_matrix(solution.state[0:4])  # type: ignore[arg-type]
-        z = np.array([rate[2] - RATE * (1.0 - 2.0 * (ex * ex + ey * ey))])
-        return Measurement(z, h[2:], np.array([[stddev**2]]), GYRO_BIAS)
-
-
 class RestRate:
     """What is left of the rates at a stop (`ins_nav.rest`): drift, and what a wrong heading leaves of Earth's rate.
 
@@ -262,16 +248,6 @@ class RestRate:
         z = stop.rate - stop.rot_sb @ np.subtract(solution.gyro_bias, bias)
         rows = self._rows
         return Measurement(z[rows], h[rows], stop.covariance[rows, rows], GYRO_BIAS)
-
-
-class KnownDrift:
-    """Drift of the gyros, measured otherwise: a ZUPT calibration (`ins_nav.zupt`)."""
-
-    def measure(self, solution: Solution, drift: Vector, covariance: ArrayLike) -> Measurement:
-        """Body axes, rad/s; its covariance, shape (3, 3)."""
-        h: Array = np.zeros((3, SIZE))
-        h[:, GYRO_BIAS] = np.eye(3)
-        return Measurement(np.subtract(solution.gyro_bias, drift), h, np.asarray(covariance, float), GYRO_BIAS)
 
 
 def _turned(h: Array, vector: Sequence[float] | Array) -> None:

@@ -234,7 +234,7 @@ class Navigator:
             return False, f"{text}; call again when navigating"
         service = self.stops.zupt1 if name == "zupt1" else self.stops.zupt2
         try:
-            text, correction = service(self._history, self.gyro_bias)  # type: ignore[arg-type]
+            text, correction = service(self._history)
         except ZuptError as error:
             self.health.note(f"{name} refused", INFO, f"{name} refused: {error}", self.stamp_ns)
             return False, str(error)

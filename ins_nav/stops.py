@@ -291,14 +291,14 @@ class Stops:
         if not entries:
             return
         stop = self._stop
-        previous = _without(history.at(self._settled_ns).raw, stop.bias, self.accel_bias) if stop else None
+        previous = without(history.at(self._settled_ns).raw, stop.bias, self.accel_bias) if stop else None
         x = y = z = 0.0
         for entry in entries:
             h = entry.raw[0]
             ux, uy, uz = _row(entry.state, 2)
             x, y, z = x + h * ux, y + h * uy, z + h * uz
             if stop is not None and previous is not None:
-                sample = _without(entry.raw, stop.bias, self.accel_bias)
+                sample = without(entry.raw, stop.bias, self.accel_bias)
                 stop.rest.add(previous, sample, self._instantaneous)
                 previous = sample
         turn = np.array([x, y, z])
@@ -373,14 +373,12 @@ class Stops:
 
     # --- the services
 
-    def zupt1(self, history: History, bias: Triple) -> tuple[str, Correction | None]:
+    def zupt1(self, history: History) -> tuple[str, Correction | None]:
         """First call: this is position 1; second call, after a turn: drifts and azimuth.
 
         Parameters
         ----------
         history : History
-        bias : 3 floats
-            Of the gyros, in use, rad/s.
 
         Returns
         -------
@@ -437,7 +435,7 @@ class Stops:
         self._held_ns = correction.stamp_ns
         return text, correction
 
-    def zupt2(self, history: History, bias: Triple) -> tuple[str, Correction | None]:
+    def zupt2(self, history: History) -> tuple[str, Correction | None]:
         """Drifts, the azimuth trusted; parameters, results and errors as of `zupt1`."""
         stop, result = self._measured()
         found, contradicted = zupt2_update(result.measurement, stop.prior, stop.before)
@@ -522,7 +520,7 @@ def _row(state: State, i: int) -> Triple:
     return 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)
 
 
-def _without(sample: Sample, gyro: Triple, accel: Triple) -> Sample:
+def without(sample: Sample, gyro: Triple, accel: Triple) -> Sample:
     """A sample less biases."""
     h, wx, wy, wz, fx, fy, fz = sample
     return h, wx - gyro[0], wy - gyro[1], wz - gyro[2], fx - accel[0], fy - accel[1], fz - accel[2]

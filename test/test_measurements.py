@@ -16,14 +16,14 @@ from ins_nav.measurements import (
     Depth,
     GnssPosition,
     GnssVelocity,
-    KnownDrift,
     Log,
+    RestRate,
     ZeroVelocity,
-    ZeroYawRate,
 )
 from ins_nav.simulation.motion import Motion, constant, sinusoid
 from ins_nav.simulation.sensors import GnssReceiver
 from ins_nav.simulation.trajectory import EarthMotion, Origin
+from ins_nav.zupt import StopMeasurement
 
 ZERO = (0.0, 0.0, 0.0)
 ARM = (2.0, -1.0, 3.0)
@@ -49,8 +49,6 @@ def measuring() -> dict[str, tuple[Aid, int]]:
         "log, one axis": (lambda s, own: log.measure(s, own, (8.0, math.nan, math.nan), COVARIANCE), 3),
         "range": (lambda s, own: beacon.measure(s, own, BEACON, 250.0, 1.0), 2),
         "zero velocity": (lambda s, own: ZeroVelocity().measure(s, 0.01), 0),
-        "zero yaw rate": (lambda s, own: ZeroYawRate().measure(s, 1e-6), 0),
-        "drift": (lambda s, own: KnownDrift().measure(s, (1e-6, 2e-6, 3e-6), 1e-14 * np.eye(3)), 0),
     }
 
 
@@ -205,17 +203,29 @@ def test_truth_has_no_innovation() -> None:
 
 
 def test_standing() -> None:
-    """Zero velocity and the Earth's own yaw rate; a bias shows with its sign."""
+    """Zero velocity is no innovation."""
     q = tuple(Rotation.from_euler("ZYX", [0.8, 0.3, -0.2]).as_quat())
     state = strapdown.initial_state(LAT, LON, 30.0, ZERO, q)
-    rate = strapdown.earth_rate_body(state)
-    solution = Solution(state, rate, ZERO, False, 0.0)
+    solution = Solution(state, strapdown.earth_rate_body(state), ZERO, False, 0.0)
     np.testing.assert_allclose(ZeroVelocity().measure(solution, 0.01).innovation, 0.0)
-    np.testing.assert_allclose(ZeroYawRate().measure(solution, 1e-6).innovation, 0.0, atol=1e-18)
-    bias = np.array([1e-6, 2e-6, -3e-6])  # of the gyros, none in use: in use less true is -bias
-    biased = solution._replace(rate=tuple((np.array(rate) + bias).tolist()))
-    measurement = ZeroYawRate().measure(biased, 1e-6)
-    np.testing.assert_allclose(measurement.innovation, measurement.h[:, GYRO_BIAS] @ -bias, rtol=1e-9)
+
+
+@pytest.mark.parametrize("vertical", [False, True])
+def test_rest_rate(vertical: bool) -> None:
+    """What the equations of ZUPT make of a drift, a bias since corrected and a wrong heading is ``h x``."""
+    rot_sb = Rotation.from_euler("ZYX", [0.8, 0.3, -0.2]).as_matrix()
+    k, gamma = earth.RATE * math.cos(LAT), 1e-3
+    drift, then, now = np.array([[1.0, -2.0, 3.0], [0.5, 0.0, 1.0], [0.8, -1.0, 2.0]]) * 1e-6
+    # `ins_nav.zupt`: the solution's heading is less than the true one by its azimuth error, its yaw more
+    rate = rot_sb @ (drift - then) + k * np.array([-math.sin(gamma), math.cos(gamma) - 1.0, 0.0])
+    stop = StopMeasurement(rot_sb, rate, COVARIANCE, k, np.zeros(3))
+    solution = Solution(state_at(), ZERO, tuple(now.tolist()), False, 0.0)
+    measurement = RestRate(vertical).measure(solution, stop, tuple(then.tolist()))
+    x = np.zeros(SIZE)
+    x[GYRO_BIAS], x[HEADING] = now - drift, gamma
+    # the square of the heading's error: k * gamma² / 2 of some 1e-6
+    np.testing.assert_allclose(measurement.innovation, measurement.h @ x, atol=k * gamma**2)
+    np.testing.assert_array_equal(measurement.r, COVARIANCE[2:, 2:] if vertical else COVARIANCE)
 
 
 def test_covariance_is_turned_to_n() -> None:

@@ -356,9 +356,7 @@ _UNTILT_TIME = 10.0
         "first_stop": Parameter(200.0, "s", "how long it stands at first, self-alignment included", 0.0),
         "turn_deg": Parameter(180.0, "deg", "turn to the second position, counter-clockwise"),
         "turn_time": Parameter(20.0, "s", "how long the turn takes", 0.1),
-        "turn_radius": Parameter(
-            5.0, "m", "radius of the turn, 0 for on the spot; stop_detector does not notice a tight one", 0.0
-        ),
+        "turn_radius": Parameter(5.0, "m", "radius of the turn, 0 for on the spot", 0.0),
         "drive_time": Parameter(
             0.0, "s", f"how long it drives straight on then, up to {_SHORT_DRIVE_SPEED:g} m/s", 0.0
         ),
