@@ -68,14 +68,14 @@ class _Watched(AidedNavigator):
         self.accepted: list[Accepted] = []
         super().__init__(overrides)
 
-    def _update(self, name: str, stamp_ns: int, measurement: Measurement, gate: float) -> None:
+    def _update(self, name: str, stamp_ns: int, measurement: Measurement, *limits: float) -> None:
         if name != "gnss":
-            super()._update(name, stamp_ns, measurement, gate)
+            super()._update(name, stamp_ns, measurement, *limits)
             return
         assert self.filter is not None and self.state is not None
         before, p = strapdown.position_ecef(self.state), self.filter.p[:2, :2].copy()
         rot_en = Rotation.from_quat(self.state[7:11])
-        super()._update(name, stamp_ns, measurement, gate)
+        super()._update(name, stamp_ns, measurement, *limits)
         update = self.records[name].last
         if update is not None and update.accepted:
             moved = rot_en.inv().apply(np.subtract(strapdown.position_ecef(self.state), before))[:2]

@@ -26,7 +26,7 @@ _TACTICAL = "imu.gyro_bias_stddev_deg_per_hour:=1.0"
 
 
 def process(bag: Path, out: Path, *parameters: str) -> str:
-    """Run ins_process; what it said.
+    """Run ins_process, free inertial; what it said.
 
     Raises
     ------
@@ -36,7 +36,7 @@ def process(bag: Path, out: Path, *parameters: str) -> str:
     said = io.StringIO()
     settings = [word for parameter in parameters for word in ("--param", parameter)]
     with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
-        code = ins_process([str(bag), "-o", str(out), *settings])
+        code = ins_process([str(bag), "-o", str(out), "--nodes", "ins_node", *settings])
     if code:
         raise InsNavError(said.getvalue().strip().splitlines()[-1])
     return said.getvalue()

@@ -8,39 +8,34 @@ that.
 
 What it finds leaves as `Feedback`: a state of the past, which `Navigator.follow` goes on from.
 
-At stops the mean velocity over each second is zero, and yaw runs off by the drift alone, which a minute of rest shows
-(`ins_nav.rest`): both are measurements like others. Or, as a matter of policy, ZUPT calls are, and nothing else: one
-of the two, for they are the same data.
+At stops the mean velocity over each second is zero, and yaw runs off by the drift alone: measurements like others
+(`ins_nav.stop_updates`).
 
 References
 ----------
 .. [1] Vavilova, Golovan, Kozlov, Papusha, fine alignment of an AUV's INS on a rocking base.
 """
 
-import bisect
 import heapq
 import itertools
 import math
 from collections import deque
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ins_nav import aids, strapdown
+from ins_nav import accuracy, aids, strapdown
 from ins_nav.aids import Aid, Observation, Record
 from ins_nav.coarse_alignment import Alignment
-from ins_nav.error_filter import ErrorFilter, Measurement, Solution
-from ins_nav.error_model import COSINE, ErrorModel, SlowState
+from ins_nav.error_filter import GATE, PATIENCE, ErrorFilter, Measurement, Solution
+from ins_nav.feedback import Feedback
 from ins_nav.health import INFO, WARN
 from ins_nav.history import LENGTH_NS
-from ins_nav.measurements import RestRate, ZeroVelocity
-from ins_nav.navigator import Feedback, Navigator, Phase
-from ins_nav.rest import Rest
+from ins_nav.navigator import Navigator, Phase, is_place
 from ins_nav.stop_detection import Change
-from ins_nav.stops import DOUBT_SIGMAS, DOUBT_SPEED, MILLI_G, SETTLE_NS, Triple, without
-from ins_nav.zupt import ZuptError
+from ins_nav.stop_updates import StopUpdates
+from ins_nav.stops import SETTLE_NS, Triple
 
 Array = NDArray[np.float64]
 
@@ -56,15 +51,6 @@ _SAME_NS = 1_000_000_000
 """ns by which two alignments may begin apart and be the same."""
 _TYPICAL_NOISE = (math.radians(0.1) / 60.0, 1e-3)
 """rad/√s and m/s/√s: of a tactical IMU, where it could not be learnt at rest."""
-_HOLD = 1.0
-"""s: length of a mean velocity at a stop."""
-_SEGMENT = 60.0
-"""s: length of a measurement of yaw's run-off; the rest of a stop counts from 10 s on."""
-_LEAST_SEGMENT = 10.0
-_MARGIN_NS = 500_000_000
-"""ns before the end of a stop, as it shows in velocity, that are no rest."""
-_ARRIVAL_NS = 1_000_000_000
-"""ns after its beginning that are none."""
 
 
 class AidedNavigator(Navigator):
@@ -95,20 +81,18 @@ class AidedNavigator(Navigator):
         self._count = itertools.count()
         self.filter: ErrorFilter | None = None
         super().__init__(overrides)
-        self._aids = aids.make(self.parameters)
         self._lag_ns = max(SETTLE_NS, round(self._number("aiding.max_delay") * 1e9))
         self._fine_stddev = math.radians(self._number("alignment.fine_heading_deg"))
         self._fine_time = self._number("alignment.fine_duration")
         self._until_aligned = bool(self.parameters["aiding.until_aligned"])
-        self._stop_velocity = self._number("aiding.stop_velocity_stddev")
-        self._by_zupt = self.parameters["aiding.stops"] == "zupt"
-        self._at_stops = self.parameters["aiding.stops"] != "none"
+        self._stops = StopUpdates(self.parameters, self.health)
 
     # --- what comes in
 
     def _begin(self) -> None:
         super()._begin()
         self._queue.clear()
+        self._aids = aids.make(self.parameters)
         self.records: dict[str, Record] = {}
         self._out: list[Feedback] = []
         self._recent: deque[tuple[int, strapdown.Sample]] = deque()
@@ -117,13 +101,6 @@ class AidedNavigator(Navigator):
         super()._align()
         self.filter = None
         self._pending: deque[tuple[int, strapdown.Sample]] = deque()
-        self._stops: list[list[int]] = []
-        self._segment: Rest | None = None
-        self._segment_bias: Triple = (0.0, 0.0, 0.0)
-        self._segment_accel: Triple = (0.0, 0.0, 0.0)
-        self._segment_turned = 0.0
-        self._calls: list[int] = []
-        self._mean: list[float] = [0.0] * 4
         self.settled_ns = self._filtered_ns = self._emitted_ns = self._began_ns = self._first_ns = 0
         self._taken_ns: dict[str, int] = {}
         self._news = False
@@ -148,7 +125,7 @@ class AidedNavigator(Navigator):
         """
         super().add_fix(stamp_ns, status, latitude_deg, longitude_deg, height, covariance)
         place = (math.radians(latitude_deg), math.radians(longitude_deg), height)
-        if status < 0 or not abs(latitude_deg) <= 90.0 or not math.isfinite(longitude_deg):
+        if status < 0 or not is_place(latitude_deg, longitude_deg, height):
             return  # told already
         if math.isfinite(height):
             self._observe(aids.GNSS, stamp_ns, place, covariance, 3)
@@ -163,8 +140,11 @@ class AidedNavigator(Navigator):
             self._unusable(aids.GNSS_VELOCITY, stamp_ns, velocity)
 
     def add_log(self, stamp_ns: int, velocity: Triple, covariance: Sequence[float] = ()) -> None:
-        """Take a velocity on the log's axes, m/s, NaN for an axis not measured; covariance row by row, or empty."""
-        if any(map(math.isfinite, velocity)):
+        """Take a velocity on the log's axes, m/s, NaN for an axis not measured; covariance row by row, or empty.
+
+        Zero on all three axes is what some logs say that have lost the bottom: it is left out.
+        """
+        if any(map(math.isfinite, velocity)) and velocity != (0.0, 0.0, 0.0):
             self._observe(aids.LOG, stamp_ns, velocity, covariance, 3)
         else:
             self._unusable(aids.LOG, stamp_ns, velocity)
@@ -176,9 +156,52 @@ class AidedNavigator(Navigator):
         else:
             self._unusable(aids.DEPTH, stamp_ns, (depth,))
 
+    def add_pressure(self, stamp_ns: int, pressure: float, variance: float = 0.0) -> None:
+        """Take an absolute pressure under water, Pa, and its variance, Pa²; 0: not given."""
+        if math.isfinite(pressure) and pressure > 0.0:
+            self._observe(aids.PRESSURE, stamp_ns, (pressure,), (variance,), 1)
+        else:
+            self._unusable(aids.PRESSURE, stamp_ns, (pressure,))
+
+    def add_range(
+        self,
+        stamp_ns: int,
+        beacon: str,
+        distance: float,
+        variance: float = 0.0,
+        limits: tuple[float, float] = (0.0, math.inf),
+    ) -> None:
+        """Take a slant range to a beacon, m, its variance, m² (0: not given), and least and greatest range."""
+        name = aids.range_name(beacon)
+        aid = self._aids.get(name)
+        if math.isfinite(distance) and distance > 0.0 and limits[0] <= distance <= limits[1]:
+            if isinstance(aid, aids.Range) and aid.two_way:
+                stamp_ns -= aid.travel_ns(distance)
+            self._observe(name, stamp_ns, (distance,), (variance,), 1)
+        else:
+            self._unusable(name, stamp_ns, (distance,))
+
+    def add_beacon_fix(
+        self,
+        stamp_ns: int,
+        beacon: str,
+        status: int,
+        latitude_deg: float,
+        longitude_deg: float,
+        height: float,
+        covariance: Sequence[float] = (),
+    ) -> None:
+        """Take a fix of a beacon that floats, as in `Navigator.add_fix`."""
+        name = aids.fix_name(beacon)
+        place = math.radians(latitude_deg), math.radians(longitude_deg), height
+        if status >= 0 and math.isfinite(height) and is_place(latitude_deg, longitude_deg, height):
+            self._observe(name, stamp_ns, place, covariance, 3)
+        else:
+            self._unusable(name, stamp_ns, place)
+
     def _unusable(self, name: str, stamp_ns: int, value: tuple[float, ...]) -> None:
-        topic = aids.TOPICS[name]
-        self.health.note(f"{name} unusable", INFO, f"{topic}: {value} says nothing, left out", stamp_ns)
+        text = f"{aids.topic(name)}: {value} says nothing, left out"
+        self.health.note(f"{name} unusable", INFO, text, stamp_ns)
 
     def _observe(
         self, name: str, stamp_ns: int, value: tuple[float, ...], covariance: Sequence[float], size: int
@@ -187,7 +210,7 @@ class AidedNavigator(Navigator):
         if aid is None or self.stamp_ns == 0:
             return
         stamp_ns -= aid.settings.delay_ns
-        topic, queue = aids.TOPICS[name], self._queue
+        topic, queue = aids.topic(name), self._queue
         if self.filter is not None and stamp_ns <= self._began_ns:
             return
         if self.filter is not None and stamp_ns <= self.settled_ns:
@@ -211,8 +234,16 @@ class AidedNavigator(Navigator):
         missing = [i for i, x in enumerate(value) if not math.isfinite(x)]
         used = aid.settings.covariance(covariance, size, missing)
         heapq.heappush(queue, Observation(stamp_ns, name, value, next(self._count), used))
-        while self.filter is None and queue and queue[0].stamp_ns < self.stamp_ns - LENGTH_NS:
-            heapq.heappop(queue)  # the filter will begin later
+        if self.filter is None:  # it will begin later
+            self._forget(self.stamp_ns - LENGTH_NS)
+
+    def _forget(self, until_ns: int) -> None:
+        """Observations up to a stamp are of no use; but where a beacon was is."""
+        while self._queue and self._queue[0].stamp_ns <= until_ns:
+            seen = heapq.heappop(self._queue)
+            aid = self._aids[seen.aid]
+            if isinstance(aid, aids.BeaconFix):
+                aid.keep(seen)
 
     def own_states(self, name: str) -> list[tuple[float, float]]:
         """Value and sigma of the states that an aid has in the filter."""
@@ -223,8 +254,11 @@ class AidedNavigator(Navigator):
 
     def call_zupt(self, stamp_ns: int) -> None:
         """A ZUPT service was called at this stamp; what the stop shows is taken where the policy says so."""
-        if self._by_zupt and self.filter is not None:
-            bisect.insort(self._calls, stamp_ns)
+        if self.filter is not None:
+            self._stops.call(stamp_ns)
+
+    def _known(self) -> Array:
+        return super()._known() if self.filter is None else accuracy.covariance_of(self.filter)
 
     def drain(self) -> list[Feedback]:
         """Feedback not yet taken, oldest first."""
@@ -235,12 +269,8 @@ class AidedNavigator(Navigator):
 
     def _navigate(self, alignment: Alignment, lat: float, lon: float, height: float) -> None:
         super()._navigate(alignment, lat, lon, height)
-        velocity = max(alignment.velocity_stddev, 1e-3)
         self._noise = alignment.gyro_noise, alignment.accel_noise
-        covariance = np.zeros((15, 15))
-        covariance[0:6, 0:6] = np.diag(np.square([*self.position_stddev] + [velocity] * 3))
-        covariance[6:15, 6:15] = alignment.joint
-        self._filter_from(covariance, self.stamp_ns)
+        self._filter_from(self.accuracy.covariance, self.stamp_ns)
         self._before = self._raw
 
     def adopt(self, feedback: Feedback, aligned_ns: int) -> bool:
@@ -277,38 +307,15 @@ class AidedNavigator(Navigator):
 
     def _filter_from(self, covariance: Array, stamp_ns: int) -> None:
         """Start the filter at the present state; its covariance on n, shape (15, 15)."""
-        assert self.state is not None
-        deg_per_hour = math.radians(1.0) / 3600.0
-        walk = self._number("imu.gyro_bias_walk_deg_per_hour_per_sqrt_hour") * deg_per_hour / 60.0
-        accel_walk = self._number("imu.accel_bias_walk_mg_per_sqrt_hour") * MILLI_G / 60.0
-        given = self._number("imu.gyro_noise_deg_per_sqrt_hour"), self._number("imu.accel_noise_ug_per_sqrt_hz")
-        model = ErrorModel(
-            vertical=self._vertical,
-            gyro_noise=self._noise[0] if math.isnan(given[0]) else math.radians(given[0]) / 60.0,
-            accel_noise=self._noise[1] if math.isnan(given[1]) else given[1] * 1e-3 * MILLI_G,
-            gyro_bias=SlowState(self.gyro_bias_stddev, walk),
-            accel_bias=SlowState(self.accel_bias_stddev, accel_walk),
-            height_walk=self._number("aiding.height_walk"),
-        )
-        stddev = np.sqrt(covariance.diagonal())
-        self.filter = ErrorFilter(
-            model,
-            stddev[0:3].tolist(),
-            stddev[3:6].tolist(),
-            covariance[6:9, 6:9],
-            {name: aid.states for name, aid in self._aids.items() if aid.states},
-        )
-        self.filter.p[9:15, 9:15] = covariance[9:15, 9:15]
-        cross = covariance[6:9, 9:15].copy()
-        cross[2] *= 1.0 - self.filter.x[COSINE]  # of an unknown heading the sine
-        self.filter.p[6:9, 9:15], self.filter.p[9:15, 6:9] = cross, cross.T
+        model = accuracy.error_model(self.parameters, self._noise)
+        own = {name: aid.states for name, aid in self._aids.items() if aid.states}
+        self.filter = accuracy.filter_of(model, covariance, own)
         self.phase = Phase.FINE
         self._filtered = self.state
         self.settled_ns = self._filtered_ns = self._emitted_ns = self._began_ns = stamp_ns
-        while self._queue and self._queue[0].stamp_ns <= stamp_ns:
-            heapq.heappop(self._queue)
-        if self.stops.detector.stopped:
-            self._stops.append([self.stops.detector.since_ns, 2**63])
+        self._forget(stamp_ns)
+        detector = self.stops.detector
+        self._stops.begin(detector.since_ns if detector.stopped else None)
 
     def _take(self, stamp_ns: int, from_imu: strapdown.Sample) -> bool:
         self._first_ns = self._first_ns or stamp_ns
@@ -329,10 +336,7 @@ class AidedNavigator(Navigator):
     ) -> bool:
         """Keep the sample until it is settled; there is no solution of the present."""
         if change is not None:
-            if change.stopped:
-                self._stops.append([change.stamp_ns + _ARRIVAL_NS, 2**63])
-            elif self._stops:
-                self._stops[-1][1] = change.stamp_ns - _MARGIN_NS
+            self._stops.notice(change)
         self._pending.append((stamp_ns, raw))
         if stamp_ns - self.settled_ns >= self._lag_ns + _BATCH_NS:
             self._settle(stamp_ns - self._lag_ns)
@@ -358,7 +362,7 @@ class AidedNavigator(Navigator):
     def _propagate(self) -> None:
         """Bring the covariance to the present state."""
         if self.settled_ns > self._filtered_ns:
-            assert self.filter is not None and self.state is not None
+            assert self.filter is not None and self.state is not None and self._filtered is not None
             self.filter.propagate(self._filtered, self.state, (self.settled_ns - self._filtered_ns) * 1e-9)
             self._filtered, self._filtered_ns = self.state, self.settled_ns
 
@@ -372,8 +376,8 @@ class AidedNavigator(Navigator):
         if self._until_aligned and self.phase is Phase.NAVIGATING:
             return
         if self._taken_ns.get(seen.aid) == seen.stamp_ns:
-            topic = aids.TOPICS[seen.aid]
-            self.health.note(f"{seen.aid} repeated", INFO, f"{topic}: a stamp repeated, left out", seen.stamp_ns)
+            text = f"{aids.topic(seen.aid)}: a stamp repeated, left out"
+            self.health.note(f"{seen.aid} repeated", INFO, text, seen.stamp_ns)
             return
         self._taken_ns[seen.aid] = seen.stamp_ns
         assert self.filter is not None and self.state is not None
@@ -386,138 +390,44 @@ class AidedNavigator(Navigator):
         own = self.filter.own(seen.aid) if aid.states else np.zeros(0)
         measurement = aid.measure(self._solution(state, raw), own, seen)
         if measurement is not None:
-            self._update(seen.aid, seen.stamp_ns, measurement, aid.settings.gate)
+            self._update(seen.aid, seen.stamp_ns, measurement, aid.settings.gate, aid.settings.patience)
 
-    def _update(self, name: str, stamp_ns: int, measurement: Measurement, gate: float) -> None:
+    def _update(
+        self, name: str, stamp_ns: int, measurement: Measurement, gate: float = GATE, patience: float = PATIENCE
+    ) -> None:
         assert self.filter is not None and self.state is not None
-        update = self.filter.update(name, stamp_ns, measurement, gate)
+        update = self.filter.update(name, stamp_ns, measurement, gate, patience)
         self.records.setdefault(name, Record()).take(update)
         if not update.accepted:
             size = max(map(abs, update.innovation))
             self.health.note(
                 f"{name} rejected",
                 INFO,
-                f"{aids.TOPICS.get(name, name)}: {update.reason}: off by {size:.2f}, test ratio "
-                f"{update.test_ratio:.1f}",
+                f"{aids.topic(name)}: {update.reason}: off by {size:.2f}, test ratio {update.test_ratio:.1f}",
                 stamp_ns,
             )
             return
         if update.reason:
             self.health.tell(
                 WARN,
-                f"{aids.TOPICS.get(name, name)}: accepted {update.reason} (test ratio "
+                f"{aids.topic(name)}: accepted {update.reason} (test ratio "
                 f"{update.test_ratio:.1f}): the solution was wrong by more than its sigma",
             )
         before = self.state
         self.state, gyro, accel = self.filter.feed_back(before, self.gyro_bias, self.accel_bias)  # type: ignore[arg-type]
         self._filtered, self.gyro_bias, self.accel_bias = self.state, gyro, accel
         self._news = True
-        self._segment_turned += strapdown.heading_change(before, self.state)
-        for i in (1, 2, 3):  # as if it had been so before
-            self._mean[i] += self._mean[0] * (self.state[3 + i] - before[3 + i])
-
-    # --- stops
-
-    def _at_rest(self) -> bool:
-        while len(self._stops) > 1 and self._stops[0][1] < self.settled_ns:
-            self._stops.pop(0)
-        return any(begin < self.settled_ns <= end for begin, end in self._stops)
+        self._stops.corrected(before, self.state)  # type: ignore[arg-type]
 
     def _rest(self, raw: strapdown.Sample) -> None:
         """The settled sample, where it is one of a stop."""
-        if not self._at_stops:
-            return
-        if not self._at_rest():
-            self._leave(raw)
-            return
-        assert self.state is not None
-        if self._segment is None:
-            self._called(self.settled_ns)
-            self._begin_segment()
-            return
-        accel = self._segment_accel
-        before, now = (without(x, self._segment_bias, accel) for x in (self._before, raw))
-        self._segment.add(before, now, self._instantaneous)
-        mean, h = self._mean, raw[0]
-        mean[0] += h
-        for i in (1, 2, 3):
-            mean[i] += h * self.state[3 + i]
-        if mean[0] < _HOLD * (1.0 - 1e-6):
-            return
-        if self._doubted():
-            return
-        called = self._called(self.settled_ns)
-        if called or not self._by_zupt:
-            self._hold(raw)
-        self._mean = [0.0] * 4
-        if called or (not self._by_zupt and self._segment.duration >= _SEGMENT):
-            self._end_segment()
-
-    def _leave(self, raw: strapdown.Sample) -> None:
-        """The settled sample is the first after a stop, or a later one."""
-        if self._segment is not None:
-            # a call made before it was seen that the stop has ended
-            called = self._called(self.settled_ns + SETTLE_NS)
-            if called and self._mean[0] >= 0.5 * _HOLD:
-                self._hold(raw)
-            if called or not self._by_zupt:
-                self._end_segment()
-            self._segment = None
-        self._mean = [0.0] * 4
-
-    def _doubted(self) -> bool:
-        """Whether the stop is none, by the speed of the solution: even motion looks like rest. Then it is forgotten."""
-        assert self.filter is not None
-        time, x, y, _ = self._mean
-        stddev = math.sqrt(self.filter.p[3, 3] + self.filter.p[4, 4])
-        speed = math.hypot(x, y) / time
-        if speed <= DOUBT_SPEED + DOUBT_SIGMAS * stddev:
-            return False
-        text = f"stop: the IMU seems to rest, but the solution moves at {speed:.1f} m/s: taken for even motion"
-        self.health.note("stops doubted", INFO, text, self.settled_ns)
-        self._stops[0][1] = self.settled_ns
-        self._segment = None
-        self._mean = [0.0] * 4
-        return True
-
-    def _called(self, until_ns: int) -> bool:
-        """Whether ZUPT was called up to this stamp; such calls are done with."""
-        count = bisect.bisect(self._calls, until_ns)
-        del self._calls[:count]
-        return count > 0
-
-    def _hold(self, raw: strapdown.Sample) -> None:
-        """Mean velocity over the last second is zero."""
-        assert self.state is not None
-        time, *way = self._mean
-        self._propagate()
-        solution = self._solution((*self.state[:4], *(x / time for x in way), *self.state[7:]), raw)
-        self._update("zero velocity", self.settled_ns, ZeroVelocity().measure(solution, self._stop_velocity), 1e-4)
-
-    def _begin_segment(self) -> None:
-        assert self.state is not None
-        self._segment = Rest(self.state)
-        self._segment_bias, self._segment_accel = self.gyro_bias, self.accel_bias  # type: ignore[assignment]
-        self._segment_turned = 0.0
-
-    def _end_segment(self) -> None:
-        """What a time of rest has shown of drift: about the vertical, or where ZUPT was called, about all axes."""
-        segment = self._segment
-        if segment is None or segment.duration < _LEAST_SEGMENT:
-            return
-        try:
-            result = segment.result(0.0 if not self._by_zupt else self.accel_bias_stddev)
-        except ZuptError as error:
-            self.health.note("stops not measured", INFO, f"stop: {error}", self.settled_ns)
-            return
-        self._propagate()
-        assert self.state is not None
-        solution = self._solution(self.state, self._before)
-        seen = result.measurement  # on the axes at its beginning: what heading was corrected by since is no error now
-        seen = replace(seen, rate=seen.rate - [seen.horizontal_rate * self._segment_turned, 0.0, 0.0])
-        measurement = RestRate(vertical=not self._by_zupt).measure(solution, seen, self._segment_bias)
-        self._update("rest", self.settled_ns, measurement, 1e-4)
-        self._begin_segment()
+        assert self.filter is not None and self.state is not None
+        speed_stddev = math.sqrt(self.filter.p[3, 3] + self.filter.p[4, 4])
+        biases = self.gyro_bias, self.accel_bias
+        measured = self._stops.add(self.settled_ns, self._before, raw, self.state, biases, speed_stddev)  # type: ignore[arg-type]
+        for name, measure in measured:
+            self._propagate()
+            self._update(name, self.settled_ns, measure(self._solution(self.state, raw)))
 
     # --- what goes out
 
@@ -558,8 +468,6 @@ class AidedNavigator(Navigator):
             return
         assert self.filter is not None and self.state is not None
         self._emitted_ns, self._news = self.settled_ns, False
-        covariance = self.filter.p[:15, :15].copy()
-        covariance[8, 8] = max(covariance[8, 8], self.filter.heading_stddev**2)  # an angle, not its sine
         self._out.append(
             Feedback(
                 self.settled_ns,
@@ -567,7 +475,7 @@ class AidedNavigator(Navigator):
                 self.state,
                 self.gyro_bias,  # type: ignore[arg-type]
                 self.accel_bias,  # type: ignore[arg-type]
-                covariance,
+                self._known(),
                 self.phase is Phase.NAVIGATING,
             )
         )

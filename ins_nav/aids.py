@@ -5,20 +5,27 @@ Every aid goes through the same steps: message -> `Observation` (values checked,
 """
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
 
+from ins_nav import strapdown
+from ins_nav.acoustics import Beacon
+from ins_nav.earth import normal_gravity
 from ins_nav.error_filter import Measurement, Solution, Update
 from ins_nav.error_model import Array, SlowState, Vector
-from ins_nav.measurements import Depth, GnssPosition, GnssVelocity, Log
-from ins_nav.parameters import Value
+from ins_nav.measurements import BeaconRange, Depth, GnssPosition, GnssVelocity, Log
+from ins_nav.parameters import Value, beacon_names
 
-GNSS, GNSS_VELOCITY, LOG, DEPTH = "gnss", "gnss_velocity", "log", "depth"
-TOPICS = {GNSS: "gnss/fix", GNSS_VELOCITY: "gnss/velocity", LOG: "log", DEPTH: "depth"}
-"""Topic of each aid, to be named in messages for people."""
+GNSS, GNSS_VELOCITY, LOG, DEPTH, PRESSURE = "gnss", "gnss_velocity", "log", "depth", "pressure"
+RANGE, BEACON = "range", "beacon"
+_TOPICS = {GNSS: "gnss/fix", GNSS_VELOCITY: "gnss/velocity"}
+_ANYWHERE = 1e3
+"""m: uncertainty of a surface's height that is not given."""
+_BEACON_STDDEV, _BEACON_LEAST = 3.0, 0.05
+"""m: of a beacon's fix without covariance, and the least that is believed."""
 _HUGE = 1e30
 """Square of a sigma that nobody means."""
 
@@ -42,6 +49,21 @@ class Observation(NamedTuple):
     value: tuple[float, ...]
     serial: int
     covariance: Array
+
+
+def topic(name: str) -> str:
+    """Of an aid (or where it is none, its name), for people; that of a beacon's ranges is range/<beacon>."""
+    return _TOPICS.get(name, name)
+
+
+def range_name(beacon: str) -> str:
+    """Name of the aid that is the ranges to a beacon."""
+    return f"{RANGE}/{beacon}"
+
+
+def fix_name(beacon: str) -> str:
+    """Name of the fixes of a beacon that floats."""
+    return f"{BEACON}/{beacon}/fix"
 
 
 @dataclass
@@ -73,6 +95,7 @@ class Settings:
     lever_arm: Vector
     delay_ns: int
     gate: float
+    patience: float
 
     @classmethod
     def of(cls, name: str, values: Mapping[str, Value]) -> "Settings":
@@ -88,6 +111,7 @@ class Settings:
             _vector(values[f"{name}.lever_arm"]),
             round(number("delay") * 1e9),
             number("gate"),
+            number("patience"),
         )
 
     def covariance(self, given: Sequence[float], size: int, missing: Sequence[int] = ()) -> Array:
@@ -161,38 +185,150 @@ class _Log(Aid):
         return self.log.measure(solution, own, (x, y, z), seen.covariance)
 
 
+class _Surface:
+    """Ellipsoidal height of the water's surface, m; NaN until the first depth finds it."""
+
+    def __init__(self, height: float) -> None:
+        self.height = height
+
+
 @dataclass(frozen=True)
 class _Depth(Aid):
-    surface: float = 0.0
+    """Depth; the height of the surface is a state of its own where it is not known exactly."""
+
+    surface: _Surface = field(default_factory=lambda: _Surface(0.0))
 
     def measure(self, solution: Solution, own: Array, seen: Observation) -> Measurement | None:
-        aid = Depth(self.surface, self.settings.lever_arm)
-        return aid.measure(solution, seen.value[0], float(seen.covariance[0, 0]))
+        depth, variance = self._depth(solution, seen)
+        aid = Depth(self.settings.lever_arm)
+        if math.isnan(self.surface.height):
+            self.surface.height = aid.height(solution) + depth
+        surface = self.surface.height + float(own.sum())
+        plain = aid.measure(solution, depth, variance, surface)
+        return plain if self.states else plain._replace(own=None)
+
+    def _depth(self, solution: Solution, seen: Observation) -> tuple[float, float]:
+        """m, and its variance, m²."""
+        return seen.value[0], float(seen.covariance[0, 0])
+
+
+@dataclass(frozen=True)
+class _Pressure(_Depth):
+    """Absolute pressure, Pa: depth by the weight of a column of water of the same density and gravity throughout."""
+
+    air: float = 0.0
+    density: float = 1.0
+
+    def _depth(self, solution: Solution, seen: Observation) -> tuple[float, float]:
+        where = strapdown.geodetic(solution.state)
+        weight = self.density * normal_gravity(math.sin(where.lat), where.height)
+        return (seen.value[0] - self.air) / weight, float(seen.covariance[0, 0]) / weight**2
+
+
+@dataclass(frozen=True)
+class Range(Aid):
+    """Slant range to a beacon, which was where it was when sound left it."""
+
+    beacon: Beacon = field(default_factory=lambda: Beacon(None, 0.0))
+    sound_speed: float = 1500.0
+    two_way: bool = False
+    meter: BeaconRange = field(default_factory=BeaconRange)
+
+    def travel_ns(self, distance: float) -> int:
+        """Time that sound takes, ns."""
+        return round(distance / self.sound_speed * 1e9)
+
+    def measure(self, solution: Solution, own: Array, seen: Observation) -> Measurement | None:
+        (distance,) = seen.value
+        # of two ways, the stamp is that of the middle already
+        place = self.beacon.at(seen.stamp_ns - (0 if self.two_way else self.travel_ns(distance)))
+        if place is None:
+            return None
+        variance = float(seen.covariance[0, 0]) + place[1]
+        return self.meter.measure(solution, own, place[0], distance, variance)
+
+
+@dataclass(frozen=True)
+class BeaconFix(Aid):
+    """Place of a beacon that floats: nothing for the filter by itself."""
+
+    beacon: Beacon = field(default_factory=lambda: Beacon(None, 0.0))
+
+    def measure(self, solution: Solution, own: Array, seen: Observation) -> Measurement | None:
+        self.keep(seen)
+        return None
+
+    def keep(self, seen: Observation) -> None:
+        """Remember it."""
+        lat, lon, height = seen.value
+        self.beacon.take(seen.stamp_ns, lat, lon, height, seen.covariance)
 
 
 def make(values: Mapping[str, Value]) -> dict[str, Aid]:
-    """The aids that are enabled, by name, from the values of the parameters."""
+    """The aids that are enabled, by name, from the values of the parameters; some of them remember things."""
 
     def number(name: str) -> float:
         return float(values[name])  # type: ignore[arg-type]
 
-    settings = {name: Settings.of(name, values) for name in TOPICS}
+    settings = {name: Settings.of(name, values) for name in (GNSS, GNSS_VELOCITY, LOG, DEPTH, PRESSURE, RANGE)}
     slow = number("gnss.slow_stddev")
     time = number("gnss.slow_time")
     drift = SlowState(slow, slow * math.sqrt(2.0 / time), time)
+    misalignment = math.radians(number("log.misalignment_stddev_deg"))
     log = Log(
         tuple(math.radians(x) for x in _vector(values["log.mounting_rpy_deg"])),  # type: ignore[arg-type]
         settings[LOG].lever_arm,
-        SlowState(number("log.scale_stddev")),
-        SlowState(math.radians(number("log.misalignment_stddev_deg"))),
+        SlowState(number("log.scale_stddev"), value=number("log.scale")),
+        SlowState(misalignment, value=math.radians(number("log.pitch_deg"))),
+        SlowState(misalignment, value=math.radians(number("log.yaw_deg"))),
+        _current(number) if values["log.water_track"] else None,
     )
-    aids = {
+    height = number("depth.surface_height")
+    unsure = _ANYWHERE if math.isnan(height) else number("depth.surface_stddev")
+    surface = (SlowState(unsure),) if unsure > 0.0 else ()
+    aids: dict[str, Aid] = {
         GNSS: _Gnss(settings[GNSS], (drift,) * 3 if slow > 0.0 else ()),
         GNSS_VELOCITY: _GnssVelocity(settings[GNSS_VELOCITY]),
         LOG: _Log(settings[LOG], log.states, log),
-        DEPTH: _Depth(settings[DEPTH], (), number("depth.surface_height")),
+        DEPTH: _Depth(settings[DEPTH], surface, _Surface(height)),
+        PRESSURE: _Pressure(
+            settings[PRESSURE],
+            surface,
+            _Surface(height),
+            number("pressure.surface_pressure"),
+            number("pressure.density"),
+        ),
     }
-    return {name: aid for name, aid in aids.items() if aid.settings.enabled}
+    return {name: aid for name, aid in (aids | _ranges(values, settings[RANGE])).items() if aid.settings.enabled}
+
+
+def _current(number: Callable[[str], float]) -> SlowState:
+    """Of the water."""
+    stddev, time = number("log.current_stddev"), number("log.current_time")
+    return SlowState(stddev, stddev * math.sqrt(2.0 / time), time)
+
+
+def _ranges(values: Mapping[str, Value], settings: Settings) -> dict[str, Aid]:
+    """Ranges to every beacon, and fixes of those that float."""
+
+    def number(name: str) -> float:
+        return float(values[name])  # type: ignore[arg-type]
+
+    made: dict[str, Aid] = {}
+    meter = BeaconRange(
+        settings.lever_arm, SlowState(number("range.scale_stddev")), SlowState(number("range.bias_stddev"))
+    )
+    for name in beacon_names(values["range.beacons"]):
+        lat, lon = (math.radians(number(f"range.{name}.{axis}_deg")) for axis in ("latitude", "longitude"))
+        place = None if math.isnan(lat) else (lat, lon, number(f"range.{name}.height"))
+        beacon = Beacon(place, number("range.beacon_speed"))
+        made[range_name(name)] = Range(
+            settings, meter.states, beacon, number("range.sound_speed"), bool(values["range.two_way"]), meter
+        )
+        if place is None:
+            plain = replace(settings, default_stddev=_BEACON_STDDEV, min_stddev=_BEACON_LEAST, delay_ns=0)
+            made[fix_name(name)] = BeaconFix(plain, (), beacon)
+    return made
 
 
 def _vector(value: Value) -> Vector:

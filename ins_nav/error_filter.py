@@ -52,6 +52,9 @@ _SURGE = 1.0
 """s: correlation time of velocity that is no travel: a tenth of the period of waves."""
 
 
+_EXACT = np.zeros((3, 3))
+
+
 class Measurement(NamedTuple):
     """What an aid says: ``innovation = h x + own x_own + noise``, computed less measured."""
 
@@ -79,6 +82,8 @@ class Solution(NamedTuple):
     """`ErrorFilter.travels`."""
     turn: float
     """`ErrorFilter.turn`."""
+    position_covariance: Array = _EXACT
+    """Shape (3, 3), on n, m²."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,7 +131,7 @@ class ErrorFilter:
     p : ndarray, shape (n, n)
         Covariance.
     values : ndarray, shape (n,)
-        Of slow states: what was fed back since the start, so an aid's own states in use.
+        Of slow states: what was fed back since the start.
     """
 
     def __init__(
@@ -146,6 +151,7 @@ class ErrorFilter:
         size = SIZE + len(own)
         self.x: Array = np.zeros(size)
         self.values: Array = np.zeros(size)
+        self._start: Array = np.array([s.value for s in own])
         self.p: Array = np.zeros((size, size))
         diagonal = np.einsum("ii->i", self.p)
         diagonal[POSITION] = np.square(position_stddev)
@@ -164,7 +170,8 @@ class ErrorFilter:
 
     def own(self, aid: str) -> Array:
         """The aid's own states in use."""
-        return self.values[self._own[aid]]
+        own = self._own[aid]
+        return self.values[own] + self._start[own.start - SIZE : own.stop - SIZE]
 
     def own_stddev(self, aid: str) -> Array:
         """Their sigmas."""
@@ -197,7 +204,7 @@ class ErrorFilter:
 
     def solution(self, state: State, rate: Vector, gyro_bias: Vector) -> Solution:
         """What aids see, at the state's stamp; ``rate`` has the bias removed."""
-        return Solution(state, rate, gyro_bias, self.travels(state), self.turn)
+        return Solution(state, rate, gyro_bias, self.travels(state), self.turn, self.p[POSITION, POSITION])
 
     def propagate(self, before: State, after: State, duration: float) -> None:
         """Carry the covariance from one state of the mechanization to the next.
@@ -235,10 +242,12 @@ class ErrorFilter:
             self.x[9:COSINE] += (1.0 - core.diagonal()[9:COSINE]) * self.values[9:COSINE]
             self.x[SIZE:] += (1.0 - core.diagonal()[SIZE:]) * self.values[SIZE:]
 
-    def update(self, aid: str, stamp_ns: int, measurement: Measurement, gate: float = GATE) -> Update:
+    def update(
+        self, aid: str, stamp_ns: int, measurement: Measurement, gate: float = GATE, patience: float = PATIENCE
+    ) -> Update:
         """Take a measurement of the present state.
 
-        Above the gate it is rejected. But when an aid had nothing accepted for `PATIENCE`, and its last `AGREEING`
+        Above the gate it is rejected. But when an aid had nothing accepted for its patience, and its last `AGREEING`
         measurements, all rejected, agree with each other, then the filter is wrong, not the aid: the covariance of
         what the aid measures (and of its rate of change, when that differs too) grows until the measurement fits.
         Correlations stay as they were, so that a jump of position moves the position and nothing else. Reflected
@@ -253,6 +262,8 @@ class ErrorFilter:
         measurement : Measurement
         gate : float
             Probability with which a good measurement is rejected.
+        patience : float
+            s; 0 for one that is never believed against the filter.
 
         Returns
         -------
@@ -280,7 +291,8 @@ class ErrorFilter:
         reason = ""
         if not ratio <= 1.0:  # above, or too large to be a number
             rejected = (*track.rejected, (stamp_ns, residual))[-AGREEING:]
-            if not self._stands_alone(track.accepted_ns, rejected, r) or not self._widen(rejected, h_core, r, direct):
+            alone = patience > 0.0 and self._stands_alone(track.accepted_ns, rejected, r, patience)
+            if not alone or not self._widen(rejected, h_core, r, direct):
                 self._tracks = self._tracks | {aid: _Track(track.accepted_ns, rejected)}
                 return Update(aid, stamp_ns, tuple(residual.tolist()), sigma, ratio, False, "outside the gate")
             reason = f"after {len(rejected)} rejected that agree"
@@ -298,11 +310,13 @@ class ErrorFilter:
         p = left @ self.p @ left.T + gain @ r @ gain.T
         self.p = 0.5 * (p + p.T)
 
-    def _stands_alone(self, accepted_ns: int | None, rejected: tuple[tuple[int, Array], ...], r: Array) -> bool:
+    def _stands_alone(
+        self, accepted_ns: int | None, rejected: tuple[tuple[int, Array], ...], r: Array, patience: float
+    ) -> bool:
         """Whether an aid was out for long enough, and what it says lies on a straight line."""
         if len(rejected) < AGREEING:
             return False
-        if accepted_ns is not None and (rejected[-1][0] - accepted_ns) * 1e-9 < PATIENCE:
+        if accepted_ns is not None and (rejected[-1][0] - accepted_ns) * 1e-9 < patience:
             return False
         if len({len(z) for _, z in rejected}) > 1:
             return False

@@ -78,11 +78,14 @@ class SlowState:
     correlation_time : float
         s; infinity for a random walk or a constant. Otherwise it tends to the value it has at the start of the
         filter, and its stationary deviation from it is ``walk * sqrt(correlation_time / 2)``.
+    value : float
+        At the start, of an aid's state.
     """
 
     stddev: float = 0.0
     walk: float = 0.0
     correlation_time: float = math.inf
+    value: float = 0.0
 
 
 ABSENT = SlowState()

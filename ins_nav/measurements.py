@@ -110,31 +110,33 @@ class Depth:
 
     Parameters
     ----------
-    surface : float
-        Ellipsoidal height of the surface, m.
     lever_arm : 3 floats
         m.
     """
 
-    def __init__(self, surface: float, lever_arm: Vector = _NONE) -> None:
-        self._surface = surface
+    def __init__(self, lever_arm: Vector = _NONE) -> None:
         self._lever_arm = lever_arm
 
-    def measure(self, solution: Solution, depth: float, variance: float) -> Measurement:
-        """m, down positive; m²."""
+    def height(self, solution: Solution) -> float:
+        """Ellipsoidal height of the gauge, m."""
+        return solution.state[11] + rotate(solution.state[0:4], *self._lever_arm)[2]  # type: ignore[arg-type]
+
+    def measure(self, solution: Solution, depth: float, variance: float, surface: float) -> Measurement:
+        """m, down positive; m²; ellipsoidal height of the surface, m, which may be a state of its own."""
         arm = rotate(solution.state[0:4], *self._lever_arm)  # type: ignore[arg-type]
         h: Array = np.zeros((3, SIZE))
         h[HEIGHT, HEIGHT] = 1.0
         _turned(h, arm)
-        z = np.array([solution.state[11] + arm[2] - self._surface + depth])
-        return Measurement(z, h[2:], np.array([[variance]]), slice(HEIGHT, HEIGHT + 1))
+        z = np.array([solution.state[11] + arm[2] - surface + depth])
+        return Measurement(z, h[2:], np.array([[variance]]), slice(HEIGHT, HEIGHT + 1), np.array([[-1.0]]))
 
 
 class Log:
-    """Velocity relative to the ground on the sensor's own axes: Doppler or electromagnetic log, odometer.
+    """Velocity relative to the ground, or the water, on the sensor's own axes: Doppler log, odometer.
 
     It reads ``(1 + scale) v + (0, a_y, a_z) x v``; its own states are scale and the two angles, rad, by which the
-    direction of its x axis is wrong. v is the velocity of the sensor on its nominal axes.
+    direction of its x axis is wrong. v is the velocity of the sensor on its nominal axes; where it measures through
+    water, less the current, whose east and north components, m/s, are two states more.
 
     Parameters
     ----------
@@ -142,8 +144,10 @@ class Log:
         Roll, pitch, yaw of the sensor's axes on the body's (REP-103), rad.
     lever_arm : 3 floats
         m.
-    scale, misalignment : SlowState
+    scale, pitch, yaw : SlowState
         Errors of the unit.
+    current : SlowState or None
+        Each component; None: it measures over the ground.
     """
 
     def __init__(
@@ -151,9 +155,11 @@ class Log:
         rpy: Vector = _NONE,
         lever_arm: Vector = _NONE,
         scale: SlowState = ABSENT,
-        misalignment: SlowState = ABSENT,
+        pitch: SlowState = ABSENT,
+        yaw: SlowState = ABSENT,
+        current: SlowState | None = None,
     ) -> None:
-        self.states = (scale, misalignment, misalignment)
+        self.states = (scale, pitch, yaw) + (() if current is None else (current, current))
         self._rot_sb: Array = Rotation.from_euler("ZYX", rpy[::-1]).as_matrix().T
         self._lever_arm = lever_arm
 
@@ -164,16 +170,23 @@ class Log:
         axes = np.flatnonzero(np.isfinite(velocity))
         if not len(axes):
             return None
-        scale, a_y, a_z = map(float, own)
+        scale, a_y, a_z = map(float, own[:3])
         body = np.add(strapdown.velocity_body(solution.state), np.cross(_rate_to_earth(solution), self._lever_arm))
-        x, y, w = map(float, self._rot_sb @ body)
+        rot_nb = rotation_matrix(solution.state[0:4])  # type: ignore[arg-type]
+        to_n = _east_north(solution.state)
+        current = to_n @ np.asarray(own[3:]) if len(self.states) > 3 else np.zeros(3)
+        x, y, w = map(float, self._rot_sb @ (body - rot_nb.T @ current))
         reads = np.array([[1.0 + scale, -a_z, a_y], [a_z, 1.0 + scale, 0.0], [-a_y, 0.0, 1.0 + scale]])
         z = reads @ (x, y, w) - velocity
         reads = reads @ self._rot_sb
         h: Array = np.zeros((3, SIZE))
-        h[:, VELOCITY] = reads @ rotation_matrix(solution.state[0:4]).T  # type: ignore[arg-type]
+        h[:, VELOCITY] = reads @ rot_nb.T
         h[:, GYRO_BIAS] = reads @ _cross_matrix(self._lever_arm)
         columns = np.array([[x, w, -y], [y, 0.0, x], [w, -x, 0.0]])
+        if len(self.states) > 3:  # it stays where it is when attitude is wrong
+            h[:, ATTITUDE] = -reads @ rot_nb.T @ _cross_matrix(current.tolist())
+            h[:, COSINE] = -reads @ rot_nb.T @ current
+            columns = np.hstack([columns, -reads @ rot_nb.T @ to_n])
         r = np.asarray(covariance, float)[np.ix_(axes, axes)]
         return Measurement(z[axes], h[axes], r, VELOCITY, columns[axes])
 
@@ -202,7 +215,12 @@ class BeaconRange:
     def measure(
         self, solution: Solution, own: Sequence[float] | Array, beacon: ArrayLike, distance: float, variance: float
     ) -> Measurement | None:
-        """Beacon Earth-fixed (`earth.geodetic_to_ecef`), m; range, m, its variance, m²; own states in use."""
+        """Beacon Earth-fixed (`earth.geodetic_to_ecef`), m; range, m, its variance, m²; own states in use.
+
+        To second order in the position's error (Bar-Shalom, Li, Kirubarajan, Estimation with Applications to Tracking
+        and Navigation, 10.3.2): across the direction to the beacon range grows with its square. Where the place is
+        hardly known, a range is worth the less.
+        """
         state = solution.state
         scale, bias = map(float, own)
         arm = rotate(state[0:4], *self._lever_arm)  # type: ignore[arg-type]
@@ -213,9 +231,11 @@ class BeaconRange:
         h: Array = np.zeros((3, SIZE))
         h[:, POSITION] = np.eye(3)
         _turned(h, arm)
-        z = np.array([(1.0 + scale) * length + bias - distance])
+        across = (np.eye(3) - np.outer(away, away) / length**2) / length @ solution.position_covariance
+        z = np.array([(1.0 + scale) * (length + 0.5 * across.trace()) + bias - distance])
         row = ((1.0 + scale) / length) * away @ h
-        return Measurement(z, row[None], np.array([[variance]]), POSITION, np.array([[length, 1.0]]))
+        r = np.array([[variance + 0.5 * (across @ across).trace()]])
+        return Measurement(z, row[None], r, POSITION, np.array([[length, 1.0]]))
 
 
 class ZeroVelocity:
@@ -272,6 +292,12 @@ def _from_earth(state: strapdown.State, vector: Array) -> Vector:
     """Earth-fixed vector on n."""
     x, y, z, w = state[7:11]
     return rotate((-x, -y, -z, w), *map(float, vector))
+
+
+def _east_north(state: strapdown.State) -> Array:
+    """East and north on n, shape (3, 2)."""
+    c, s = azimuth(state)
+    return np.array([[c, s], [-s, c], [0.0, 0.0]])
 
 
 def _on_n(state: strapdown.State, covariance: ArrayLike) -> Array:

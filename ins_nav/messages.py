@@ -6,16 +6,18 @@ cost of a tick.
 """
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ins_nav import error_model, strapdown
 from ins_nav.aided import AidedNavigator
 from ins_nav.attitude import conjugate, multiply
+from ins_nav.feedback import Feedback
 from ins_nav.health import ERROR, INFO, Health
-from ins_nav.navigator import Feedback, Navigator, Phase
+from ins_nav.navigator import Navigator, Phase
 
 _NS = 1_000_000_000
 SILENCE = 2.0
@@ -76,6 +78,58 @@ def feed_depth(navigator: AidedNavigator, message: Any) -> None:
     """Give a geometry_msgs/PoseWithCovarianceStamped (``position.z = -depth``) to the filter."""
     pose = message.pose
     navigator.add_depth(stamp_of(message), -pose.pose.position.z, float(pose.covariance[14]))
+
+
+def feed_pressure(navigator: AidedNavigator, message: Any) -> None:
+    """Give a sensor_msgs/FluidPressure to the filter."""
+    navigator.add_pressure(stamp_of(message), message.fluid_pressure, message.variance)
+
+
+def feed_range(navigator: AidedNavigator, beacon: str, message: Any) -> None:
+    """Give a sensor_msgs/Range to a beacon to the filter."""
+    limits = float(message.min_range), float(message.max_range)
+    if not limits[0] < limits[1]:  # not filled in
+        limits = 0.0, math.inf
+    navigator.add_range(stamp_of(message), beacon, float(message.range), float(message.variance), limits)
+
+
+def feed_beacon_fix(navigator: AidedNavigator, beacon: str, message: Any) -> None:
+    """Give a sensor_msgs/NavSatFix of a beacon that floats to the filter."""
+    known = message.position_covariance_type != 0
+    navigator.add_beacon_fix(
+        stamp_of(message),
+        beacon,
+        message.status.status,
+        message.latitude,
+        message.longitude,
+        message.altitude,
+        tuple(message.position_covariance) if known else (),
+    )
+
+
+Feed = Callable[[AidedNavigator, Any], object]
+_STAMPED = "WithCovarianceStamped"
+AIDS: dict[str, tuple[str, Feed]] = {
+    "gnss/fix": ("sensor_msgs/msg/NavSatFix", feed_fix),
+    "gnss/velocity": (f"geometry_msgs/msg/Twist{_STAMPED}", feed_gnss_velocity),
+    "log": (f"geometry_msgs/msg/Twist{_STAMPED}", feed_log),
+    "depth": (f"geometry_msgs/msg/Pose{_STAMPED}", feed_depth),
+    "pressure": ("sensor_msgs/msg/FluidPressure", feed_pressure),
+}
+"""Topics of aids, but for those of beacons: types, and what gives a message to the filter."""
+
+
+def aid_topics(beacons: Iterable[str]) -> dict[str, tuple[str, Feed]]:
+    """The same with those of beacons."""
+    every = dict(AIDS)
+    for beacon in beacons:
+        every[f"range/{beacon}"] = "sensor_msgs/msg/Range", _of(feed_range, beacon)
+        every[f"beacon/{beacon}/fix"] = "sensor_msgs/msg/NavSatFix", _of(feed_beacon_fix, beacon)
+    return every
+
+
+def _of(feed: Callable[[AidedNavigator, str, Any], None], beacon: str) -> Feed:
+    return lambda navigator, message: feed(navigator, beacon, message)
 
 
 def _twist(message: Any) -> tuple[tuple[float, float, float], tuple[float, ...]]:
@@ -162,6 +216,7 @@ class SolutionMessages:
         self.first = False
         self._navigator = navigator
         self._changes = 0
+        self._filled = -1
         self._began = (0, 0)
         rate = float(navigator.parameters["publish.rate"])  # type: ignore[arg-type]
         self._period_ns = round(_NS / rate) if rate else 0
@@ -173,6 +228,7 @@ class SolutionMessages:
         fix.header.frame_id = base_link
         fix.status.status = 0  # STATUS_FIX
         fix.status.service = 0  # SERVICE_UNKNOWN: it is inertial
+        fix.position_covariance_type = 3  # COVARIANCE_TYPE_KNOWN
 
     def due(self) -> bool:
         """Whether the navigator's new solution is to be published; call it once for each."""
@@ -192,8 +248,9 @@ class SolutionMessages:
         navigator = self._navigator
         state, frame = navigator.state, navigator.map
         assert state is not None and frame is not None
-        if self.first:
-            self._fill_covariances()
+        if navigator.accuracy.count != self._filled:
+            self._filled = navigator.accuracy.count
+            self._fill_covariances(navigator.accuracy.covariance)
         where = strapdown.geodetic(state)
         rate = navigator.angular_velocity
         earth = strapdown.earth_rate_body(state)
@@ -211,31 +268,14 @@ class SolutionMessages:
         self.fix.longitude = math.degrees(where.lon)
         self.fix.altitude = where.height
 
-    def _fill_covariances(self) -> None:
-        """As the filter has them; without it, attitude as the alignment or a ZUPT left it and zero, unknown, else."""
-        navigator = self._navigator
-        state, frame = navigator.state, navigator.map
+    def _fill_covariances(self, p: NDArray[np.float64]) -> None:
+        """The covariance of the errors, each part on the axes of its message."""
+        state, frame = self._navigator.state, self._navigator.map
         assert state is not None and frame is not None
-        pose = np.zeros((6, 6))
-        if navigator.covariance is None:
-            self.imu.orientation_covariance[:] = navigator.attitude_covariance.ravel()
-            pose[3:, 3:] = navigator.attitude_covariance
-            self.odometry.pose.covariance[:] = pose.ravel()
-            self.fix.position_covariance_type = 0  # COVARIANCE_TYPE_UNKNOWN
-            for covariance in (
-                self.odometry.twist.covariance,
-                self.fix.position_covariance,
-                self.imu.angular_velocity_covariance,
-                self.imu.linear_acceleration_covariance,
-            ):
-                covariance[:] = 0.0
-            return
-        p = navigator.covariance
         c, s = error_model.azimuth(state)
         to_g = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
         self.imu.orientation_covariance[:] = (to_g @ p[6:9, 6:9] @ to_g.T).ravel()
         self.fix.position_covariance[:] = (to_g @ p[0:3, 0:3] @ to_g.T).ravel()
-        self.fix.position_covariance_type = 3  # COVARIANCE_TYPE_KNOWN
         q_mn = multiply(frame.attitude(state), conjugate(state[0:4]))  # type: ignore[arg-type]
         to_m = error_model.rotation_matrix(q_mn)
         parts = p[np.ix_([0, 1, 2, 6, 7, 8], [0, 1, 2, 6, 7, 8])]
@@ -286,11 +326,10 @@ def diagnostics(navigator: Navigator, silent_for: float = 0.0) -> tuple[int, str
         "accelerometer bias": " ".join(f"{x:.5f}" for x in navigator.accel_bias) + " m/s^2",
     }
     if navigator.phase in (Phase.FINE, Phase.NAVIGATING):
-        sigma = [math.degrees(math.sqrt(navigator.attitude_covariance[i, i])) for i in range(3)]
+        sigma = np.sqrt(navigator.accuracy.covariance.diagonal())
         stops = navigator.stops
+        values |= _sigmas(sigma, sigma[8])
         values |= {
-            "level sigma when last corrected": f"{max(sigma[:2]):.5f} deg",
-            "heading sigma when last corrected": f"{sigma[2]:.4f} deg",
             "stopped": str(stops.detector.stopped).lower(),
             "stops with zero velocity": str(stops.held),
             "velocity error at the last stop": f"{stops.velocity_error:.3f} m/s",
@@ -314,12 +353,8 @@ def alignment_diagnostics(navigator: AidedNavigator, silent_for: float = 0.0) ->
     if navigator.filter is not None:
         p = navigator.filter.p
         sigma = np.sqrt(p.diagonal())
+        values |= _sigmas(sigma, navigator.filter.heading_stddev)
         values |= {
-            "position sigma": f"{math.hypot(*sigma[0:2]):.3f} m",
-            "height sigma": f"{sigma[2]:.3f} m",
-            "velocity sigma": f"{math.hypot(*sigma[3:5]):.4f} m/s",
-            "level sigma": f"{math.degrees(max(sigma[6:8])):.5f} deg",
-            "heading sigma": f"{math.degrees(navigator.filter.heading_stddev):.4f} deg",
             "time left by prediction": f"{navigator.time_left:.0f} s",
             "gyro bias": _with_sigma(navigator.gyro_bias, sigma[9:12], _BIAS_UNIT, 4) + " deg/h",
             "accelerometer bias": _with_sigma(navigator.accel_bias, sigma[12:15], 1.0, 5) + " m/s^2",
@@ -341,6 +376,17 @@ def alignment_diagnostics(navigator: AidedNavigator, silent_for: float = 0.0) ->
         stddev = math.degrees(navigator.filter.heading_stddev)
         text = f"fine; heading sigma {stddev:.2f}°, {navigator.time_left:.0f} s left"
     return level, text, values
+
+
+def _sigmas(sigma: NDArray[np.float64], heading: float) -> dict[str, str]:
+    """Of the solution, for people; the array as the states of `ins_nav.error_model`."""
+    return {
+        "position sigma": f"{math.hypot(*sigma[0:2]):.3f} m",
+        "height sigma": f"{sigma[2]:.3f} m",
+        "velocity sigma": f"{math.hypot(*sigma[3:5]):.4f} m/s",
+        "level sigma": f"{math.degrees(max(sigma[6:8])):.5f} deg",
+        "heading sigma": f"{math.degrees(heading):.4f} deg",
+    }
 
 
 def _with_sigma(values: Iterable[float], sigmas: Iterable[float], unit: float, digits: int) -> str:

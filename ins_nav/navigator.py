@@ -7,34 +7,35 @@ solutions leave as a `ins_nav.strapdown.State`.
 import enum
 import math
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ins_nav import attitude, strapdown
+from ins_nav.accuracy import Accuracy, after_alignment
 from ins_nav.aids import Settings
 from ins_nav.coarse_alignment import Alignment, AlignmentError, CoarseAlignment
+from ins_nav.feedback import Feedback, FeedbackQueue
 from ins_nav.health import ERROR, INFO, WARN, Health
 from ins_nav.history import History
 from ins_nav.imu_stream import ImuStream
 from ins_nav.parameters import checked_values
 from ins_nav.stop_detection import Change
 from ins_nav.stops import MILLI_G, Correction, Stops
-from ins_nav.zupt import ZuptError
+from ins_nav.zupt import Calibration, ZuptError
 
 _DEG_PER_HOUR = math.radians(1.0) / 3600.0
+_HEIGHTS = -12e3, 1e5
+"""m, ellipsoidal: no vehicle is elsewhere."""
 _COARSE_GAP = 0.1
 """s: a longer gap loses the attitude of a rocking base: coarse alignment begins again."""
 
 
-_SPEED_STDDEV = 0.1
-"""m/s, at least, of a solution that another filter goes on from."""
-_AHEAD_NS = 5_000_000_000
-"""ns ahead of the samples: a feedback of before a restart. All of 5 s may still wait in the queue of a topic."""
-_FOLLOWS_NS = 5_000_000_000
-"""ns after the last feedback for which `alignment_node` is believed to be there."""
+def is_place(latitude_deg: float, longitude_deg: float, height: float) -> bool:
+    """Whether a fix can be one; its height, m, need not be known."""
+    known = math.isfinite(latitude_deg) and math.isfinite(longitude_deg) and abs(latitude_deg) <= 90.0
+    return known and (not math.isfinite(height) or _HEIGHTS[0] <= height <= _HEIGHTS[1])
 
 
 class Phase(enum.Enum):
@@ -44,33 +45,6 @@ class Phase(enum.Enum):
     COARSE = "coarse"
     FINE = "fine"
     NAVIGATING = "navigating"
-
-
-class Feedback(NamedTuple):
-    """What the filter of `ins_nav.aided` found: a state of the past to go on from.
-
-    Attributes
-    ----------
-    stamp_ns : int
-        Of the state.
-    apply_ns : int
-        Stamp of the sample with which it takes effect: live and over a recording at the same one.
-    state : State
-    gyro_bias, accel_bias : 3 floats
-        rad/s and m/s².
-    covariance : ndarray, shape (15, 15)
-        Of the errors, as `ins_nav.error_model` defines them.
-    aligned : bool
-        Fine alignment is done.
-    """
-
-    stamp_ns: int
-    apply_ns: int
-    state: strapdown.State
-    gyro_bias: tuple[float, float, float]
-    accel_bias: tuple[float, float, float]
-    covariance: NDArray[np.float64]
-    aligned: bool
 
 
 class Navigator:
@@ -94,18 +68,12 @@ class Navigator:
         Of the last sample, on base_link's axes, biases removed; rad/s, m/s².
     gyro_bias, accel_bias : 3 floats
         In use, rad/s and m/s².
-    gyro_bias_covariance : ndarray, shape (3, 3)
-        As alignment found it or the last ZUPT left it, rad²/s².
-    attitude_covariance : ndarray, shape (3, 3)
-        On east, north, up, at the end of alignment or the last ZUPT, rad².
+    accuracy : Accuracy
+        Of the solution.
     changes : int
         How many alignments and calibrations there have been.
     restarts : int
         How often the stamps have jumped.
-    accel_bias_covariance : ndarray, shape (3, 3)
-        m²/s⁴.
-    covariance : ndarray, shape (15, 15), or None
-        Of the errors (`ins_nav.error_model`) when the filter last corrected the solution.
     position_stddev : 3 floats
         Of the place of alignment, m.
     aligned_ns : int
@@ -146,6 +114,8 @@ class Navigator:
         self.stamp_ns = 0
         self.changes = self.restarts = 0
         self.stops = Stops(values, self.health)
+        self.accuracy = Accuracy(values)
+        self._feedback = FeedbackQueue(self.health)
         self._history = History(self._instantaneous, self._vertical)
         self._given_gyro_bias, self._given_accel_bias = self.gyro_bias, self.accel_bias
         self._begin()
@@ -161,16 +131,14 @@ class Navigator:
         self.phase = Phase.WAITING
         self.state: strapdown.State | None = None
         self.map: strapdown.MapFrame | None = None
-        self.attitude_covariance: NDArray[np.float64] = np.zeros((3, 3))
+        self.accuracy.restart()
         self._previous: strapdown.Sample | None = None
         self._raw: strapdown.Sample = (0.0,) * 7
         heading = self._number("initial.heading_deg")
         self._heading = None if math.isnan(heading) else math.radians(heading)
         self._heading_stddev = math.radians(self._number("initial.heading_stddev_deg"))
         self.gyro_bias = self._given_gyro_bias
-        self.gyro_bias_covariance: NDArray[np.float64] = np.eye(3) * self.gyro_bias_stddev**2
         self.accel_bias = self.stops.accel_bias = self._given_accel_bias  # type: ignore[assignment]
-        self.accel_bias_covariance: NDArray[np.float64] = np.eye(3) * self.accel_bias_stddev**2
         self.stops.restart()
         self.aligned_ns = 0
         self._position: tuple[float, float, float] | None = None
@@ -179,9 +147,8 @@ class Navigator:
             longitude = math.radians(self._number("initial.longitude_deg"))
             self._position = (math.radians(latitude), longitude, self._number("initial.height"))
         self.position_stddev = (self._number("initial.position_stddev"),) * 3
-        self.covariance: NDArray[np.float64] | None = None
-        self._feedback: list[Feedback] = []
-        self._followed_ns = 0
+        self._lever_arm = (0.0, 0.0, 0.0)
+        self._feedback.restart()
         self._align()
         self._moved_since_fix = False
 
@@ -189,7 +156,7 @@ class Navigator:
         self.stops.forget()
         self._history.clear()
         self._feedback.clear()
-        self.covariance = None
+        self.accuracy.clear()
         gyro_bias_stddev = math.sqrt(float(self.gyro_bias_covariance.diagonal().max()))
         self._alignment = CoarseAlignment(
             self._duration, gyro_bias_stddev, self.accel_bias_stddev, self._number("alignment.max_speed")
@@ -203,10 +170,12 @@ class Navigator:
         """
         if self.state is not None:
             where = strapdown.geodetic(self.state)
-            self._position = (where.lat, where.lon, where.height)
+            self._position, self._lever_arm = (where.lat, where.lon, where.height), (0.0, 0.0, 0.0)
+            east, north, up = np.sqrt(self._known().diagonal()[:3]).tolist()
+            self.position_stddev = (max(east, north), max(east, north), up)
             if self._heading is not None:  # given at the start: where it points now is what is known
                 self._heading = attitude.heading_from_yaw(attitude.to_euler(where.q_gb)[2])
-                self._heading_stddev = math.sqrt(max(self.attitude_covariance[2, 2], self.stops.covariance[3, 3]))
+                self._heading_stddev = math.sqrt(self.attitude_covariance[2, 2])
         self.state = None
         self.phase = Phase.COARSE if self._previous is not None else Phase.WAITING
         self._align()
@@ -234,25 +203,33 @@ class Navigator:
             return False, f"{text}; call again when navigating"
         service = self.stops.zupt1 if name == "zupt1" else self.stops.zupt2
         try:
-            text, correction = service(self._history)
+            text, correction = (self.stops.left(), None) if self.stops.passive else service(self._history)
         except ZuptError as error:
             self.health.note(f"{name} refused", INFO, f"{name} refused: {error}", self.stamp_ns)
             return False, str(error)
         if self.stops.passive:
-            text += "; left to alignment_node's filter"
+            known = np.diag(np.append(self.gyro_bias_covariance.diagonal(), 0.0))
+            text += f", which knows {Calibration(np.array(self.gyro_bias), 0.0, known).sentence(False)}"
         elif correction is not None:
             self._correct(correction)
-            level = max(self.stops.level_variance, 0.0)
-            self.attitude_covariance = np.diag([level, level, self.stops.covariance[3, 3]])
-            self.gyro_bias_covariance = self.stops.covariance[:3, :3].copy()
             self.changes += 1
         self.health.tell(INFO, f"{name}: {text}")
         return True, text
 
     def _correct(self, correction: Correction) -> None:
-        """Go on from a state of the past."""
+        """Go on from a state of the past, corrected at a stop."""
+        accuracy, stops = self.accuracy, self.stops
+        accuracy.rewind(correction.stamp_ns, self._history.at(correction.stamp_ns).state)
+        if correction.held is not None:
+            accuracy.hold(correction.held)
+        if correction.calibrated:
+            accuracy.calibrate(correction.state, stops.covariance, stops.level_variance)
+        self._rerun(correction)
+
+    def _rerun(self, correction: Correction) -> None:
         self.gyro_bias = correction.gyro_bias
         self.state = self._history.rerun(correction.stamp_ns, correction.state, self._without_bias)
+        self.accuracy.catch_up(correction.state, self._history)
         self._previous = self._without_bias(self._raw)
 
     def follow(self, feedback: Feedback) -> None:
@@ -260,21 +237,8 @@ class Navigator:
 
         One that is older than the last, or comes twice, is left out; so is one whose state is not remembered.
         """
-        if feedback.stamp_ns > self.stamp_ns + _AHEAD_NS:
-            self.health.note(
-                "feedback ahead",
-                INFO,
-                f"ins/feedback: {(feedback.stamp_ns - self.stamp_ns) * 1e-9:.1f} s ahead of imu/data_raw: left out",
-                self.stamp_ns,
-            )
-            return
-        if feedback.stamp_ns <= max(self._followed_ns, *(f.stamp_ns for f in self._feedback), 0):
-            self.health.note(
-                "feedback repeated", INFO, "ins/feedback: older than the last, or repeated: left out", self.stamp_ns
-            )
-            return
-        self._feedback.append(feedback)
-        if self.state is not None and feedback.apply_ns < self.stamp_ns:
+        taken = self._feedback.add(feedback, self.stamp_ns)
+        if taken and self.state is not None and feedback.apply_ns < self.stamp_ns:
             self.health.note("feedback late", INFO, "ins/feedback: late, taken at once", self.stamp_ns)
             self._go_on()
 
@@ -282,56 +246,53 @@ class Navigator:
         """The present solution, for a filter that begins later, and the stamp at which alignment ended."""
         if self.state is None:
             return None
-        p = np.zeros((15, 15))
-        if self.covariance is not None:
-            p[:] = self.covariance
-            age = (self.stamp_ns - self._followed_ns) * 1e-9
-        else:
-            p[0:3, 0:3] = np.diag(np.square(self.position_stddev))
-            p[6:9, 6:9] = self.attitude_covariance
-            p[9:12, 9:12] = self.gyro_bias_covariance
-            p[12:15, 12:15] = np.eye(3) * self.accel_bias_stddev**2
-            age = (self.stamp_ns - self.aligned_ns) * 1e-9
-        acceleration = 9.81 * math.sqrt(p[6, 6] + p[7, 7])  # dead reckoned since
-        speed = acceleration * age + _SPEED_STDDEV
-        p[3:6, 3:6] += np.eye(3) * speed**2
-        p[0:3, 0:3] += np.eye(3) * (speed * age) ** 2
         feedback = Feedback(
             self.stamp_ns,
             self.stamp_ns,
             self.state,
             self.gyro_bias,  # type: ignore[arg-type]
             self.accel_bias,  # type: ignore[arg-type]
-            p,
+            self._known(),
             self.phase is Phase.NAVIGATING,
         )
         return feedback, self.aligned_ns
 
     def _go_on(self) -> None:
         """From the newest feedback that is due."""
-        due = (feedback for feedback in self._feedback if feedback.apply_ns <= self.stamp_ns)
-        newest = max(due, key=lambda feedback: feedback.stamp_ns)
-        self._feedback = [feedback for feedback in self._feedback if feedback.stamp_ns > newest.stamp_ns]
-        entry = self._history.at(newest.stamp_ns)
-        if entry.stamp_ns != newest.stamp_ns:  # too old, or that sample was lost here
-            self.health.note(
-                "feedback lost",
-                WARN,
-                f"ins/feedback: of a time {(self.stamp_ns - newest.stamp_ns) * 1e-9:.1f} s ago, of which nothing is "
-                "remembered: left out",
-                self.stamp_ns,
-            )
+        taken = self._feedback.take(self.stamp_ns, self._history)
+        if taken is None:
             return
-        state = newest.state
-        self._followed_ns = newest.stamp_ns
-        self.stops.turned_by(strapdown.heading_change(entry.state, state))
+        newest, entry = taken
         self.accel_bias = self.stops.accel_bias = newest.accel_bias
-        self.covariance = p = newest.covariance
-        self.gyro_bias_covariance, self.accel_bias_covariance = p[9:12, 9:12], p[12:15, 12:15]
-        self.attitude_covariance = p[6:9, 6:9]  # n is free in azimuth, but level
+        self.accuracy.rewind(entry.stamp_ns, entry.state)
+        self.accuracy.take(newest.covariance)
         self.changes += 1
         self.phase = Phase.NAVIGATING if newest.aligned else Phase.FINE
-        self._correct(Correction(entry.stamp_ns, state, newest.gyro_bias))
+        self._rerun(Correction(entry.stamp_ns, newest.state, newest.gyro_bias))
+
+    def _known(self) -> NDArray[np.float64]:
+        """Covariance of the errors, shape (15, 15)."""
+        return self.accuracy.covariance
+
+    @property
+    def covariance(self) -> NDArray[np.float64] | None:
+        """Of the errors (`ins_nav.error_model`) at present, shape (15, 15); None without a solution."""
+        return None if self.state is None else self._known()
+
+    @property
+    def attitude_covariance(self) -> NDArray[np.float64]:
+        """On n, level but free in azimuth, rad², shape (3, 3)."""
+        return self._known()[6:9, 6:9]
+
+    @property
+    def gyro_bias_covariance(self) -> NDArray[np.float64]:
+        """rad²/s², shape (3, 3)."""
+        return self._known()[9:12, 9:12]
+
+    @property
+    def accel_bias_covariance(self) -> NDArray[np.float64]:
+        """m²/s⁴, shape (3, 3)."""
+        return self._known()[12:15, 12:15]
 
     @property
     def progress(self) -> float:
@@ -365,11 +326,11 @@ class Navigator:
         if status < 0:
             self.health.note("no fix", INFO, "gnss/fix: no fix (status < 0)", stamp_ns)
             return
-        if not (math.isfinite(latitude_deg) and math.isfinite(longitude_deg) and abs(latitude_deg) <= 90.0):
+        if not is_place(latitude_deg, longitude_deg, height):
             self.health.note(
                 "invalid fixes",
                 WARN,
-                f"gnss/fix: position ({latitude_deg}, {longitude_deg}) rejected: a receiver "
+                f"gnss/fix: position ({latitude_deg}, {longitude_deg}, {height}) rejected: a receiver "
                 "without a fix must say so by status -1",
                 stamp_ns,
             )
@@ -380,7 +341,9 @@ class Navigator:
                 self.health.note("no height", WARN, "gnss/fix: altitude is not a number, taken as 0 m", stamp_ns)
                 height = 0.0
             self._position = (math.radians(latitude_deg), math.radians(longitude_deg), height)
-            matrix = Settings.of("gnss", self.parameters).covariance(covariance, 3)
+            settings = Settings.of("gnss", self.parameters)
+            self._lever_arm = settings.lever_arm
+            matrix = settings.covariance(covariance, 3)
             east, north, up = np.sqrt(matrix.diagonal()).tolist()
             self.position_stddev = (max(east, north), max(east, north), up)
 
@@ -448,9 +411,12 @@ class Navigator:
         assert self.state is not None
         self.state = strapdown.step(self.state, previous, sample, self._instantaneous, self._vertical)
         self._history.add(stamp_ns, raw, self.state)
-        if self._feedback and self._feedback[0].apply_ns <= stamp_ns:
+        self.accuracy.advance(stamp_ns, self.state)
+        if self._feedback.is_due(stamp_ns):
             self._go_on()
-        self.stops.passive = stamp_ns - self._followed_ns < _FOLLOWS_NS
+        following = self._feedback.follows(stamp_ns)
+        if following != self.stops.passive:
+            self.stops.follow(following, self.covariance, self._history, self.gyro_bias)  # type: ignore[arg-type]
         correction = self.stops.advance(change, self._history, stamp_ns, self.gyro_bias)  # type: ignore[arg-type]
         if correction is not None:
             self._correct(correction)
@@ -489,7 +455,13 @@ class Navigator:
     def _navigate(self, alignment: Alignment, lat: float, lon: float, height: float) -> None:
         east, north, up = alignment.velocity_g
         velocity = (east, north, up if self._vertical else 0.0)
-        self.state = state = strapdown.initial_state(lat, lon, height, velocity, alignment.q_gb)
+        state = strapdown.initial_state(lat, lon, height, velocity, alignment.q_gb)
+        arm = attitude.rotate(alignment.q_gb, *self._lever_arm)
+        if any(arm):  # the place is that of an antenna
+            state = strapdown.corrected(state, (-arm[0], -arm[1], -arm[2]))
+            where = strapdown.geodetic(state)
+            lat, lon, height = where.lat, where.lon, where.height
+        self.state = state
         self._history.add(self.stamp_ns, self._raw, state)
         self.stops.begin(
             alignment,
@@ -500,11 +472,12 @@ class Navigator:
             self.gyro_bias_covariance,
             None if self._heading is None else self._heading_stddev**2,
         )
+        covariance = after_alignment(alignment, self.position_stddev, arm)
+        self.accuracy.begin(self.stamp_ns, state, covariance, (alignment.gyro_noise, alignment.accel_noise))
         if self.map is None:  # it stays where it was when alignment is repeated
             self.map = strapdown.MapFrame(lat, lon, height)
         self.changes += 1
         self.aligned_ns = self.stamp_ns
-        self.attitude_covariance = alignment.covariance
         self.phase = Phase.NAVIGATING
         roll, pitch, yaw = attitude.to_euler(alignment.q_gb)
         heading = math.degrees(attitude.heading_from_yaw(yaw))

@@ -6,6 +6,7 @@ in the table is an error with the nearest one suggested. A NaN default means "no
 
 import difflib
 import math
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -85,7 +86,9 @@ class Parameter:
         return number
 
 
-def _aid(name: str, topic: str, stddev: float, least: float, unit: str, where: str) -> tuple[Parameter, ...]:
+def _aid(
+    name: str, topic: str, stddev: float, least: float, unit: str, where: str, patience: float
+) -> tuple[Parameter, ...]:
     """What every aid has."""
     return (
         Parameter(f"{name}.enabled", True, f"use {topic}"),
@@ -94,6 +97,12 @@ def _aid(name: str, topic: str, stddev: float, least: float, unit: str, where: s
         Parameter(f"{name}.lever_arm", [0.0, 0.0, 0.0], f"{where} from the IMU, base_link's axes, m", -1e3, 1e3),
         Parameter(f"{name}.delay", 0.0, "how long before its stamp it was measured, s", -1.0, 10.0),
         Parameter(f"{name}.gate", 1e-4, "probability with which a good measurement is rejected", 1e-12, 0.5),
+        Parameter(
+            f"{name}.patience",
+            patience,
+            "after so long without an accepted message 8 rejected ones that agree are believed, s; 0: never",
+            0.0,
+        ),
     )
 
 
@@ -242,18 +251,56 @@ PARAMETERS = (
         choices=("updates", "zupt", "none"),
     ),
     Parameter("aiding.stop_velocity_stddev", 0.02, "of the mean velocity over a second of a stop, m/s", 1e-4, 1.0),
-    *_aid("gnss", "gnss/fix", 3.0, 0.01, "m", "antenna"),
+    *_aid("gnss", "gnss/fix", 3.0, 0.01, "m", "antenna", 60.0),
     Parameter("gnss.slow_stddev", 0.0, "besides, an error that changes slowly, each axis, m; 0: none", 0.0, 1e3),
     Parameter("gnss.slow_time", 60.0, "its correlation time, s", 1.0, 1e5),
-    *_aid("gnss_velocity", "gnss/velocity", 0.2, 0.01, "m/s", "antenna"),
-    *_aid("log", "log", 0.2, 0.005, "m/s", "log"),
+    *_aid("gnss_velocity", "gnss/velocity", 0.2, 0.01, "m/s", "antenna", 60.0),
+    *_aid("log", "log", 0.2, 0.005, "m/s", "log", 180.0),
     Parameter(
         "log.mounting_rpy_deg", [0.0, 0.0, 0.0], "roll, pitch, yaw of the log's axes in base_link, deg", -360, 360
     ),
-    Parameter("log.scale_stddev", 0.01, "error of its scale factor", 0.0, 1.0),
-    Parameter("log.misalignment_stddev_deg", 0.5, "of its axes, each angle, deg", 0.0, 45.0),
-    *_aid("depth", "depth", 0.1, 0.005, "m", "depth gauge"),
-    Parameter("depth.surface_height", 0.0, "ellipsoidal height of the water's surface, m", -200.0, 9000.0),
+    Parameter("log.scale", 0.0, "known error of its scale factor: 0.01 where it reads 1 % too much", -0.5, 0.5),
+    Parameter("log.scale_stddev", 0.01, "uncertainty of that", 0.0, 1.0),
+    Parameter("log.pitch_deg", 0.0, "known error of mounting_rpy_deg about its y axis, deg", -45.0, 45.0),
+    Parameter("log.yaw_deg", 0.0, "the same about its z axis, deg", -45.0, 45.0),
+    Parameter("log.misalignment_stddev_deg", 0.5, "uncertainty of these angles, each, deg", 0.0, 45.0),
+    Parameter("log.water_track", False, "it measures velocity through water: the current is estimated"),
+    Parameter("log.current_stddev", 0.3, "of that current, east and north each, m/s", 1e-3, 10.0),
+    Parameter("log.current_time", 3600.0, "its correlation time, s", 1.0, 1e6),
+    *_aid("depth", "depth", 0.1, 0.005, "m", "depth gauge", 180.0),
+    Parameter(
+        "depth.surface_height",
+        NAN,
+        "ellipsoidal height of the water's surface, m; not given: found, from height and depth together",
+        -500.0,
+        9000.0,
+    ),
+    Parameter("depth.surface_stddev", 0.0, "uncertainty of that height where it is given, m", 0.0, 1e3),
+    *_aid("pressure", "pressure", 1000.0, 10.0, "Pa", "pressure gauge", 180.0),
+    Parameter("pressure.surface_pressure", 101325.0, "pressure of the air at the surface, Pa", 0.0, 2e5),
+    Parameter("pressure.density", 1025.0, "of the water, mean from the surface to the gauge, kg/m^3", 500.0, 2000.0),
+    *_aid("range", "range/<beacon>", 1.0, 0.01, "m", "transducer", 600.0),
+    Parameter(
+        "range.beacons",
+        "",
+        "names of acoustic beacons, separated by commas. The place of each is range.<beacon>.latitude_deg, .longitude_"
+        "deg and .height; where these are not given it comes on beacon/<beacon>/fix",
+    ),
+    Parameter("range.scale_stddev", 0.0, "relative error of the speed of sound; 0: none", 0.0, 0.2),
+    Parameter("range.bias_stddev", 0.0, "constant error of a beacon's ranges, m; 0: none", 0.0, 1e3),
+    Parameter("range.sound_speed", 1500.0, "for the time that sound travels, m/s", 300.0, 7000.0),
+    Parameter(
+        "range.two_way",
+        False,
+        "the vehicle asks and the beacon answers, so a range is of the middle of that time; false: of its end",
+    ),
+    Parameter(
+        "range.beacon_speed",
+        1.0,
+        "standard deviation of each component of the velocity of a beacon that floats, m/s",
+        0.0,
+        30.0,
+    ),
     Parameter("publish.rate", 0.0, "odometry, imu/data and fix a second; 0: one for every IMU sample", 0.0, 2000.0),
     Parameter("publish.tf", False, "publish map -> base_link on /tf too (needs tf2_msgs)"),
     Parameter("map_frame", "map", "frame_id of odometry: east-north-up at the start"),
@@ -261,12 +308,45 @@ PARAMETERS = (
 )
 ROS_OWN = ("use_sim_time", "start_type_description_service")
 """Parameters every ROS node has: no concern of this table."""
-_BY_NAME = {parameter.name: parameter for parameter in PARAMETERS}
+_BEACON = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+_PLACE = (
+    ("latitude_deg", "latitude of the beacon, deg", 90.0),
+    ("longitude_deg", "longitude of the beacon", 360.0),
+    ("height", "its ellipsoidal height, m", 12e3),
+)
 
 
 def default_values() -> dict[str, Value]:
     """Every parameter at its default."""
     return {parameter.name: parameter.default for parameter in PARAMETERS}
+
+
+def beacon_names(value: object) -> list[str]:
+    """Names in ``range.beacons``.
+
+    Raises
+    ------
+    ParameterError
+        One cannot be part of a topic, is there twice, or is that of another parameter.
+    """
+    names = [name.strip() for name in str(value).split(",") if name.strip()]
+    taken = {parameter.name for parameter in PARAMETERS}
+    for name in names:
+        if not _BEACON.fullmatch(name) or f"range.{name}" in taken:
+            raise ParameterError(f"parameter range.beacons: {name!r} cannot be the name of a beacon")
+    if len(set(names)) < len(names):
+        raise ParameterError(f"parameter range.beacons: a name is there twice in {value!r}")
+    return names
+
+
+def table(beacons: Iterable[str]) -> list[Parameter]:
+    """Every row, those of the beacons included."""
+    places = [
+        Parameter(f"range.{beacon}.{key}", NAN, f"{text}; not given: from beacon/{beacon}/fix", -limit, limit)
+        for beacon in beacons
+        for key, text, limit in _PLACE
+    ]
+    return [*PARAMETERS, *places]
 
 
 def checked_values(overrides: Mapping[str, object]) -> dict[str, Value]:
@@ -276,29 +356,28 @@ def checked_values(overrides: Mapping[str, object]) -> dict[str, Value]:
     ------
     ParameterError
     """
-    values = default_values()
+    beacons = beacon_names(overrides.get("range.beacons", ""))
+    rows = {parameter.name: parameter for parameter in table(beacons)}
+    values = {name: parameter.default for name, parameter in rows.items()}
     for name, value in overrides.items():
-        values[name] = known(name).checked(value)
-    given = [not math.isnan(values[f"initial.{name}"]) for name in ("latitude_deg", "longitude_deg", "height")]  # type: ignore[arg-type]
-    if any(given) and not all(given):
-        raise ParameterError(
-            "initial.latitude_deg, initial.longitude_deg and initial.height go together: give all three or none"
-        )
+        values[name] = _known(name, rows).checked(value)
+    for owner in ("initial", *(f"range.{beacon}" for beacon in beacons)):
+        names = [f"{owner}.{key}" for key, _, _ in _PLACE]
+        given = [not math.isnan(values[name]) for name in names]  # type: ignore[arg-type]
+        if any(given) and not all(given):
+            raise ParameterError(f"{names[0]}, {names[1]} and {names[2]} go together: give all three or none")
     return values
 
 
-def known(name: str) -> Parameter:
-    """The row of that name.
-
-    Raises
-    ------
-    ParameterError
-        With the nearest name.
-    """
-    if name in _BY_NAME:
-        return _BY_NAME[name]
-    near = difflib.get_close_matches(name, _BY_NAME, n=1, cutoff=0.5)
-    hint = f": did you mean {near[0]}?" if near else f"; known: {', '.join(_BY_NAME)}"
+def _known(name: str, rows: Mapping[str, Parameter]) -> Parameter:
+    """The row of that name, or an error with the nearest one."""
+    if name in rows:
+        return rows[name]
+    place = re.fullmatch(rf"range\.({_BEACON.pattern})\.({'|'.join(key for key, _, _ in _PLACE)})", name)
+    if place:
+        raise ParameterError(f"parameter {name}: {place[1]} is not in range.beacons")
+    near = difflib.get_close_matches(name, rows, n=1, cutoff=0.5)
+    hint = f": did you mean {near[0]}?" if near else f"; known: {', '.join(rows)}"
     raise ParameterError(f"unknown parameter {name}{hint}")
 
 

@@ -3,9 +3,8 @@
 import argparse
 import math
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 from tqdm import tqdm
 
@@ -24,25 +23,17 @@ from ins_nav.bags import (
 )
 from ins_nav.errors import InsNavError, for_people
 from ins_nav.navigator import Navigator
-from ins_nav.parameters import parse_assignment, read_file
+from ins_nav.parameters import beacon_names, parse_assignment, read_file
 from ins_nav.stop_policy import StopPolicy
 
 _IMU, _FIX = "sensor_msgs/msg/Imu", "sensor_msgs/msg/NavSatFix"
 _ODOMETRY, _DIAGNOSTICS = "nav_msgs/msg/Odometry", "diagnostic_msgs/msg/DiagnosticArray"
 _BOOL = "std_msgs/msg/Bool"
-_TWIST, _POSE = "geometry_msgs/msg/TwistWithCovarianceStamped", "geometry_msgs/msg/PoseWithCovarianceStamped"
 _SECOND = 1_000_000_000
-INPUTS = {"/imu/data_raw": _IMU, "/gnss/fix": _FIX, "/gnss/velocity": _TWIST, "/log": _TWIST, "/depth": _POSE}
-"""Topics that are read, with their types."""
-_FEEDS: dict[str, Callable[[AidedNavigator, Any], object]] = {
-    "/imu/data_raw": messages.feed_imu,
-    "/gnss/fix": messages.feed_fix,
-    "/gnss/velocity": messages.feed_gnss_velocity,
-    "/log": messages.feed_log,
-    "/depth": messages.feed_depth,
-}
+Inputs = dict[str, tuple[str, messages.Feed]]
+"""Topics that are read: types, and what gives a message to the filter."""
 NODES = ("ins_node", "stop_detector_node", "alignment_node")
-"""Nodes whose work can be done here; the first always is, the second by default."""
+"""Nodes whose work is done here by default, as in `ins_system`; that of the first always is."""
 
 
 class Recorder:
@@ -139,7 +130,13 @@ class Calls:
                 self._aided.call_zupt(navigator.stamp_ns)
 
 
-def input_topics(reader: BagReader, remap: dict[str, str]) -> dict[str, str]:
+def inputs(beacons: Iterable[str]) -> Inputs:
+    """Topics that are read where there are such beacons."""
+    aids = {absolute(topic): aid for topic, aid in messages.aid_topics(beacons).items()}
+    return {"/imu/data_raw": (_IMU, messages.feed_imu)} | aids
+
+
+def input_topics(reader: BagReader, remap: dict[str, str], wanted: Inputs) -> dict[str, str]:
     """Topics of the recording that are inputs, each with the name it stands for.
 
     Raises
@@ -152,9 +149,9 @@ def input_topics(reader: BagReader, remap: dict[str, str]) -> dict[str, str]:
     names = {}
     for topic, info in reader.topics.items():
         target = remap.get(topic, topic)
-        if target in INPUTS:
-            if info.msgtype != INPUTS[target]:
-                raise BagError(f"{reader.path}: {topic} is {info.msgtype}; {target} must be {INPUTS[target]}")
+        if target in wanted:
+            if info.msgtype != wanted[target][0]:
+                raise BagError(f"{reader.path}: {topic} is {info.msgtype}; {target} must be {wanted[target][0]}")
             names[topic] = target
     if "/imu/data_raw" not in names.values():
         imus = [topic for topic, info in reader.topics.items() if info.msgtype == _IMU and topic not in remap]
@@ -164,7 +161,7 @@ def input_topics(reader: BagReader, remap: dict[str, str]) -> dict[str, str]:
 
 
 def feed(navigator: Navigator, topic: str, content: object) -> bool:
-    """Give a message of one of the `INPUTS` to the navigator; True when there is a new solution."""
+    """Give a message of one of the inputs to the navigator; True when there is a new solution."""
     if topic == "/gnss/fix":
         messages.feed_fix(navigator, content)
     return topic == "/imu/data_raw" and messages.feed_imu(navigator, content)
@@ -230,7 +227,8 @@ def main(argv: Sequence[str] | None = None) -> int | None:
         raise InsNavError(f"{args.output}: is where the recording itself is; choose another name")
     damage = None
     with BagReader(args.bag) as reader:
-        names = input_topics(reader, parse_remaps(args.remap))
+        wanted = inputs(beacon_names(navigator.parameters["range.beacons"]))
+        names = input_topics(reader, parse_remaps(args.remap), wanted)
         with BagWriter(args.output, args.overwrite) as writer:
             recorder = Recorder(writer, navigator, aided)
             calls = Calls(navigator, recorder, aided) if "stop_detector_node" in args.nodes else None
@@ -238,7 +236,7 @@ def main(argv: Sequence[str] | None = None) -> int | None:
                 for raw in _with_progress(reader, reader.messages(names), navigator, aided):
                     topic, content = names[raw.topic], reader.deserialize(raw)
                     if aided is not None:
-                        _FEEDS[topic](aided, content)
+                        wanted[topic][1](aided, content)
                         for feedback in aided.drain():
                             navigator.follow(feedback)
                     if feed(navigator, topic, content):
@@ -297,9 +295,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--nodes",
         nargs="+",
-        default=NODES[:2],
+        default=NODES,
         metavar="NODE",
-        help=f"nodes whose work is done, of {', '.join(NODES)} (default: the first two; ins_node always is)",
+        help=f"nodes whose work is done, of {', '.join(NODES)} (default: all; ins_node always is)",
     )
     parser.add_argument("--overwrite", action="store_true", help="replace a bag that is there")
     return parser

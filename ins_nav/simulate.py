@@ -1,6 +1,7 @@
 """ins_simulate: a recording with known truth, from a named scenario."""
 
 import argparse
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -33,6 +34,11 @@ def main(argv: Sequence[str] | None = None) -> int | None:
         f"{args.output}: {args.scenario}, seed {args.seed}, {samples / p['rate']:g} s, "
         f"{samples} IMU samples at {p['rate']:g} Hz, {messages} messages, {size / 1e6:.1f} MB"
     )
+    for name, ranges in simulation.aids.ranges.items():
+        for lat, lon, height in zip(
+            ranges.beacon.lat[:1], ranges.beacon.lon[:1], ranges.beacon.height[:1], strict=True
+        ):
+            print(f"beacon {name} at first: {math.degrees(lat):.7f}°, {math.degrees(lon):.7f}°, {height:.2f} m")
     return 0
 
 
@@ -69,6 +75,6 @@ def _line(name: str, parameter: Parameter) -> str:
     elif isinstance(default, tuple):
         shown = "[" + ", ".join(f"{number:g}" for number in default) + "]"
     else:
-        shown = default if isinstance(default, str) else f"{default:g}"
+        shown = (default or "none") if isinstance(default, str) else f"{default:g}"
     choices = f" ({', '.join(parameter.choices)})" if parameter.choices else ""
     return f"  {name:<54} {shown:>12} {parameter.unit:<8} {parameter.text}{choices}"

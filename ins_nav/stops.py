@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ins_nav import strapdown
+from ins_nav.accuracy import Held
 from ins_nav.attitude import from_rotation_vector, multiply
 from ins_nav.coarse_alignment import Alignment
 from ins_nav.earth import RATE
@@ -84,11 +85,17 @@ class Correction(NamedTuple):
     state : State
     gyro_bias : 3 floats
         From there on, rad/s.
+    held : Held or None
+        Velocity, where it was taken out.
+    calibrated : bool
+        Drifts, azimuth and level are those of `Stops.covariance` and `Stops.level_variance`.
     """
 
     stamp_ns: int
     state: State
     gyro_bias: Triple
+    held: Held | None = None
+    calibrated: bool = False
 
 
 @dataclass
@@ -267,9 +274,44 @@ class Stops:
             self._stop = self._new(self._settled_ns, Rest(history.at(self._settled_ns).state), bias)
         return self._hold(_HOLD_NS, history, bias)
 
-    def turned_by(self, angle: float) -> None:
-        """The filter has turned the solution about the vertical, rad, left positive."""
-        self._removed -= angle
+    def follow(self, following: bool, covariance: Array | None, history: History, bias: Triple) -> None:
+        """Say whether the filter leads.
+
+        When it does not any more, what it knew last is what is known, and a stop under way begins anew.
+
+        Parameters
+        ----------
+        following : bool
+        covariance : ndarray, shape (15, 15), or None
+            Of the errors (`ins_nav.error_model`), as the filter left them.
+        history : History
+        bias : 3 floats
+            Of the gyros, in use, rad/s.
+        """
+        if self.passive and not following and covariance is not None:
+            signs = np.array([-1.0, -1.0, -1.0, 1.0])  # drifts are what is true less what is in use
+            known = [9, 10, 11, 8]
+            self.covariance = covariance[np.ix_(known, known)] * np.outer(signs, signs)
+            self.covariance += np.diag([_EXACT_DRIFT] * 3 + [_EXACT])
+            self.level_variance = max(covariance[6, 6], covariance[7, 7])
+            self._known_turned = self._turned.copy()
+            self._known_ns = self._settled_ns
+            self._first = None
+            if self._stop is not None:
+                start = history.at(self._settled_ns)
+                self._stop = self._new(start.stamp_ns, Rest(start.state), bias)
+        self.passive = following
+
+    def left(self) -> str:
+        """What a call of a service does while the filter leads: nothing, if the stop is fit for it.
+
+        Raises
+        ------
+        ZuptError
+            As of `zupt2`.
+        """
+        stop, _ = self._measured()
+        return f"at rest for {stop.rest.duration:.0f} s, left to alignment_node's filter"
 
     def _new(self, stamp_ns: int, rest: Rest, bias: Triple) -> _Stop:
         """A stop that begins now, on settled data."""
@@ -349,7 +391,7 @@ class Stops:
             return None
         back = (-vx * time, -vy * time, -vz * time)
         state = strapdown.corrected(entries[-1].state, back, (-vx, -vy, -vz))
-        return Correction(self._settled_ns, state, bias)
+        return Correction(self._settled_ns, state, bias, Held((vx, vy, vz), time, first))
 
     def _grown(self, time: float) -> tuple[float, float]:
         """Error of position, m, for each m/s of velocity that became wrong in a time, s, and that velocity's sigma.
@@ -428,8 +470,6 @@ class Stops:
             raise
         self._first = None
         text = self._sentence(found, stop, True)
-        if self.passive:
-            return text, None
         correction = self._apply(found, stop, result, history)
         self._stop = self._new(correction.stamp_ns, Rest(correction.state), correction.gyro_bias)
         self._held_ns = correction.stamp_ns
@@ -443,7 +483,7 @@ class Stops:
         text = self._sentence(found, stop, False)
         if contradicted:
             text += f"; more than imu.gyro_bias_{name} allows: set it to what the gyros have"
-        return text, None if self.passive else self._apply(found, stop, result, history)
+        return text, self._apply(found, stop, result, history)
 
     def _measured(self) -> tuple[_Stop, RestResult]:
         """The present stop and what it shows.
@@ -490,8 +530,10 @@ class Stops:
         where = strapdown.geodetic(entry.state)
         q_gb = multiply(from_rotation_vector(0.0, 0.0, -found.azimuth), result.q_gb)
         east, north, up = where.velocity_g
+        held = None
         if self._held_ns < stop.began_ns or not self._zero_velocity:  # not corrected yet
             east = north = up = 0.0
+            held = Held(where.velocity_g, 0.0, True)
         c, s = math.cos(found.azimuth), math.sin(found.azimuth)
         velocity = (c * east + s * north, c * north - s * east, up)
         state = strapdown.initial_state(where.lat, where.lon, where.height, velocity, q_gb)
@@ -506,7 +548,7 @@ class Stops:
         self.covariance[3, 3] += _EXACT
         self.level_variance = result.level_variance
         self.calibrations += 1
-        return Correction(entry.stamp_ns, state, bias)
+        return Correction(entry.stamp_ns, state, bias, held, True)
 
     def _sentence(self, found: Calibration, stop: _Stop, with_azimuth: bool) -> str:
         return replace(found, drift=np.asarray(stop.bias) + found.drift).sentence(with_azimuth)

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
-from ins_nav import aids, strapdown
+from ins_nav import aids, earth, strapdown
 from ins_nav.aids import Observation, Record, Settings
 from ins_nav.error_filter import Solution, Update
 from ins_nav.parameters import checked_values
@@ -40,15 +41,17 @@ def test_settings_are_those_of_the_parameters() -> None:
             "log.lever_arm": [1, -2, 3],
             "log.delay": 0.25,
             "log.gate": 1e-3,
+            "log.patience": 30.0,
         }
     )
-    assert Settings.of("log", values) == Settings(False, 0.4, 0.02, (1.0, -2.0, 3.0), 250_000_000, 1e-3)
+    assert Settings.of("log", values) == Settings(False, 0.4, 0.02, (1.0, -2.0, 3.0), 250_000_000, 1e-3, 30.0)
 
 
 def test_only_enabled_aids_are_made() -> None:
-    assert set(aids.make(checked_values({}))) == set(aids.TOPICS)
-    off = {f"{name}.enabled": False for name in aids.TOPICS}
-    assert aids.make(checked_values(off)) == {}
+    every = {"gnss", "gnss_velocity", "log", "depth", "pressure"}
+    assert set(aids.make(checked_values({}))) == every
+    off = {f"{name}.enabled": False for name in every | {"range"}}
+    assert aids.make(checked_values(off | {"range.beacons": "a"})) == {}
     assert set(aids.make(checked_values(off | {"log.enabled": True}))) == {"log"}
 
 
@@ -58,7 +61,14 @@ def test_own_states() -> None:
     # first order: stationary deviation is walk * sqrt(time / 2)
     assert len(drift) == 3 and drift[0].walk * math.sqrt(drift[0].correlation_time / 2.0) == pytest.approx(2.0)
     assert [state.stddev for state in made["log"].states] == pytest.approx([0.03, *[math.radians(0.5)] * 2])
-    assert aids.make(checked_values({}))["gnss"].states == made["depth"].states == ()
+    assert aids.make(checked_values({}))["gnss"].states == ()
+    assert [state.stddev for state in made["depth"].states] == [1000.0]  # where the surface is
+    made = aids.make(checked_values({"depth.surface_height": 0.0}))
+    assert made["depth"].states == made["pressure"].states == ()
+    values = {"log.scale": 0.01, "log.pitch_deg": -1.0, "log.yaw_deg": 2.0, "log.water_track": True}
+    log = aids.make(checked_values(values))["log"].states
+    assert [state.value for state in log] == pytest.approx([0.01, math.radians(-1.0), math.radians(2.0), 0.0, 0.0])
+    assert log[4].walk * math.sqrt(log[4].correlation_time / 2.0) == pytest.approx(log[4].stddev)
 
 
 # Covariance
@@ -165,6 +175,92 @@ def test_depth_counts_from_the_surface() -> None:
     assert seen is not None
     np.testing.assert_allclose(seen.innovation, [0.0], atol=1e-9)
     np.testing.assert_allclose(seen.r, [[0.04]])
+
+
+def test_depth_finds_the_surface_that_is_not_given() -> None:
+    """The first depth says where it is; a value of the filter's own state moves it."""
+    made = aids.make(checked_values({}))["depth"]
+    seen = made.measure(SOLUTION, np.zeros(1), _seen("depth", 11.0, covariance=np.eye(1)))
+    assert seen is not None and seen.own is not None
+    np.testing.assert_allclose(seen.innovation, [0.0], atol=1e-9)
+    seen = made.measure(SOLUTION, np.array([0.5]), _seen("depth", 12.0, covariance=np.eye(1)))
+    assert seen is not None and seen.own is not None
+    np.testing.assert_allclose(seen.innovation, [0.5], atol=1e-9)
+    np.testing.assert_array_equal(seen.own, [[-1.0]])
+
+
+def test_pressure_is_the_weight_of_water() -> None:
+    values = {"pressure.surface_pressure": 100e3, "pressure.density": 1000.0, "depth.surface_height": 160.0}
+    made = aids.make(checked_values(values))["pressure"]
+    weight = 1000.0 * earth.normal_gravity(math.sin(math.radians(55.7)), 150.0)
+    seen = made.measure(SOLUTION, np.zeros(0), _seen("pressure", 100e3 + 10.5 * weight, covariance=np.eye(1) * 100.0))
+    assert seen is not None
+    np.testing.assert_allclose(seen.innovation, [0.5], atol=1e-9)
+    np.testing.assert_allclose(seen.r, [[(10.0 / weight) ** 2]])
+
+
+def _moored(**overrides: object) -> dict[str, object]:
+    return {
+        "range.beacons": "a, b2",
+        "range.a.latitude_deg": 55.701,
+        "range.a.longitude_deg": 37.6,
+        "range.a.height": 50.0,
+        **overrides,
+    }
+
+
+def test_range_to_a_moored_beacon() -> None:
+    made = aids.make(checked_values(_moored()))
+    assert {"range/a", "range/b2", "beacon/b2/fix"} <= made.keys() and "beacon/a/fix" not in made
+    away = np.subtract(
+        strapdown.position_ecef(STATE), earth.geodetic_to_ecef(math.radians(55.701), math.radians(37.6), 50.0)
+    )
+    distance = float(np.linalg.norm(away))
+    seen = made["range/a"].measure(SOLUTION, np.zeros(2), _seen("range/a", distance - 1.0, covariance=np.eye(1)))
+    assert seen is not None
+    np.testing.assert_allclose(seen.innovation, [1.0], atol=1e-6)
+    np.testing.assert_allclose(seen.r, [[1.0]])
+
+
+def test_range_is_worth_less_where_the_place_is_hardly_known() -> None:
+    """To second order, against draws of the position across the direction."""
+    made = aids.make(checked_values(_moored()))["range/a"]
+    p = np.diag([10.0, 15.0, 5.0]) ** 2
+    away = np.subtract(
+        strapdown.position_ecef(STATE), earth.geodetic_to_ecef(math.radians(55.701), math.radians(37.6), 50.0)
+    )
+    distance = float(np.linalg.norm(away))
+    unsure = SOLUTION._replace(position_covariance=p)
+    seen = made.measure(unsure, np.zeros(2), _seen("range/a", distance, covariance=np.zeros((1, 1))))
+    assert seen is not None
+    on_n = Rotation.from_quat(STATE[7:11]).inv().apply(away)
+    drawn = np.random.default_rng(0).multivariate_normal(on_n, p, 200_000)
+    direction = on_n / distance
+    bent = np.linalg.norm(drawn, axis=1) - distance - (drawn - on_n) @ direction
+    # 0.5 % by the number of draws, 5 % of the variance by the third order
+    assert seen.innovation[0] == pytest.approx(bent.mean(), rel=0.02)
+    assert seen.r[0, 0] == pytest.approx(bent.var(), rel=0.1)
+
+
+def test_range_to_a_beacon_that_floats() -> None:
+    """It is where its sound left it: 1500 m take a second, in which it goes 2 m."""
+    made = aids.make(checked_values({"range.beacons": "ship", "range.beacon_speed": 2.0}))
+    assert made["range/ship"].measure(SOLUTION, np.zeros(2), _seen("range/ship", 5.0)) is None  # where is it?
+    lat, lon = math.radians(55.7), math.radians(37.6)
+    north, _ = earth.principal_radii(math.sin(lat))
+    start = lat + 1500.0 / (north + 150.0)
+    for second in range(10):
+        place = start - second * 2.0 / (north + 150.0), lon, 150.0
+        fix = Observation(second * 10**9, "beacon/ship/fix", place, 0, np.eye(3))
+        assert made["beacon/ship/fix"].measure(SOLUTION, np.zeros(0), fix) is None
+    arrived = Observation(11 * 10**9, "range/ship", (1480.0,), 0, np.eye(1) * 0.25)
+    seen = made["range/ship"].measure(SOLUTION, np.zeros(2), arrived)
+    assert seen is not None
+    # at 10.01 s it was 1480 m away; the chord is shorter by 4 mm
+    assert seen.innovation[0] == pytest.approx(1500.0 - 2.0 * (11.0 - 1480.0 / 1500.0) - 1480.0, abs=0.3)
+    assert 0.25 + 0.1 < seen.r[0, 0] < 0.25 + 2.0  # of fixes of 1 m, a second old, at up to 2 m/s
+    twice = aids.make(checked_values({"range.beacons": "ship", "range.two_way": True}))["range/ship"]
+    assert isinstance(twice, aids.Range) and twice.two_way and twice.travel_ns(1500.0) == 10**9
 
 
 def test_order_is_by_stamp_then_by_content_and_not_by_arrival() -> None:

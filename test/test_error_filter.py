@@ -222,7 +222,7 @@ def test_consistent_with_all_states() -> None:
             gyro_bias=SlowState(5.0 * DEG_PER_HOUR),
             accel_bias=SlowState(0.01),
         )
-        log = Log(scale=SlowState(0.02), misalignment=SlowState(0.02))
+        log = Log(scale=SlowState(0.02), pitch=SlowState(0.02), yaw=SlowState(0.02))
         run = Run(
             drive(),
             model,

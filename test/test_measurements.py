@@ -39,14 +39,16 @@ Aid = Callable[[Solution, Array], Measurement | None]
 
 def measuring() -> dict[str, tuple[Aid, int]]:
     """Every aid with a value it may read, and how many states of its own it has."""
-    position, velocity, depth = GnssPosition(ARM), GnssVelocity(ARM), Depth(12.0, ARM)
-    log, beacon = Log(RPY, ARM, SlowState(0.01), SlowState(0.01)), BeaconRange(ARM, SlowState(1e-3), SlowState(1.0))
+    position, velocity, depth = GnssPosition(ARM), GnssVelocity(ARM), Depth(ARM)
+    log, beacon = Log(RPY, ARM), BeaconRange(ARM, SlowState(1e-3), SlowState(1.0))
+    through_water = Log(RPY, ARM, current=SlowState(0.3))
     return {
         "gnss position": (lambda s, own: position.measure(s, LAT + 1e-6, LON - 1e-6, 31.0, COVARIANCE), 0),
         "gnss velocity": (lambda s, own: velocity.measure(s, (4.0, 7.0, 0.3), COVARIANCE), 0),
-        "depth": (lambda s, own: depth.measure(s, -15.0, 0.1), 0),
+        "depth": (lambda s, own: depth.measure(s, -15.0, 0.1, 12.0 + own[0]), 1),
         "log": (lambda s, own: log.measure(s, own, (8.0, 1.0, 0.5), COVARIANCE), 3),
         "log, one axis": (lambda s, own: log.measure(s, own, (8.0, math.nan, math.nan), COVARIANCE), 3),
+        "log through water": (lambda s, own: through_water.measure(s, own, (8.0, 1.0, 0.5), COVARIANCE), 5),
         "range": (lambda s, own: beacon.measure(s, own, BEACON, 250.0, 1.0), 2),
         "zero velocity": (lambda s, own: ZeroVelocity().measure(s, 0.01), 0),
     }
@@ -54,7 +56,7 @@ def measuring() -> dict[str, tuple[Aid, int]]:
 
 NAMES = list(measuring())
 RAW_RATE = np.array([0.3, -0.2, 0.5])
-OWN = np.array([0.02, -0.03, 0.05])
+OWN = np.array([0.02, -0.03, 0.05, 0.4, -0.7])
 
 
 def state_at() -> strapdown.State:
@@ -187,9 +189,9 @@ def test_truth_has_no_innovation() -> None:
 
     rot_sb = Rotation.from_euler("ZYX", RPY[::-1]).as_matrix().T
     x, y, z = rot_sb @ rot_eb.T @ point_velocity(time)
-    scale, a_y, a_z = OWN
+    scale, a_y, a_z = OWN[:3]
     reads = ((1 + scale) * x + a_y * z - a_z * y, (1 + scale) * y + a_z * x, (1 + scale) * z - a_y * x)
-    measurement = Log(RPY, ARM).measure(solution, OWN, reads, COVARIANCE)
+    measurement = Log(RPY, ARM).measure(solution, OWN[:3], reads, COVARIANCE)
     assert measurement is not None
     np.testing.assert_allclose(measurement.innovation, 0.0, atol=1e-6)
 
@@ -198,7 +200,7 @@ def test_truth_has_no_innovation() -> None:
     assert measurement is not None
     np.testing.assert_allclose(measurement.innovation, 0.0, atol=1e-6)
 
-    measurement = Depth(12.0, ARM).measure(solution, 12.0 - fix.height[i], 0.1)
+    measurement = Depth(ARM).measure(solution, 12.0 - fix.height[i], 0.1, 12.0)
     np.testing.assert_allclose(measurement.innovation, 0.0, atol=2e-6)
 
 

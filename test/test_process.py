@@ -177,7 +177,8 @@ def test_stops_are_told_services_called_and_a_loop_starts_again(
                 if raw.stamp_ns <= end_ns:
                     writer.write_raw(raw.topic, raw.msgtype, raw.data, raw.stamp_ns + shift_ns)
     settings = ("initial.heading_deg:=45", "alignment.level_duration:=5", "stop_detector.zupt1_after:=15")
-    assert main([str(looped), "-o", str(out), *(word for text in settings for word in ("--param", text))]) == 0
+    two = ("--nodes", "ins_node", "stop_detector_node")
+    assert main([str(looped), "-o", str(out), *two, *(word for text in settings for word in ("--param", text))]) == 0
     said = [line for line in capfd.readouterr().err.splitlines() if line.startswith(("[info] zupt", "[warn"))]
     kept, found = "[info] zupt1: position 1 kept", "[info] zupt1: gyro drifts in °/h"
     told = [next((text for text in (kept, "starting again", found) if text in line), line) for line in said]

@@ -1,6 +1,7 @@
 """Stops over real DDS: services refuse and calibrate, the detector calls them, in processes of their own and in one."""
 
 import math
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -158,8 +159,10 @@ def offline(bag: Path, out: Path, *arguments: str) -> Outcome:
 
 
 @pytest.fixture(scope="module")
-def batch(chain: Path, tmp_path_factory: pytest.TempPathFactory) -> Outcome:
-    return offline(chain, tmp_path_factory.mktemp("batch") / "out")
+def batch(chain: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Outcome]:
+    folder = tmp_path_factory.mktemp("batch")
+    two = ("--nodes", "ins_node", "stop_detector_node")
+    return {"processes": offline(chain, folder / "two", *two), "ins_system": offline(chain, folder / "all")}
 
 
 @pytest.fixture(scope="module")
@@ -212,9 +215,8 @@ def play(ros: Ros, bag: Path) -> Process:
     return ros.start("ins_nav.nodes.bag_player", bag, "--no-progress", "--rate", RATE, *topics)
 
 
-@pytest.mark.parametrize("how", ["processes", "ins_system"])
-def test_detector_has_the_node_calibrate_itself(how: str, live: dict[str, Outcome]) -> None:
-    outcome = live[how]
+def test_detector_has_the_node_calibrate_itself(live: dict[str, Outcome]) -> None:
+    outcome = live["processes"]
     assert outcome.stopped == [False, True, False, True, False]
     # at first and aligned: none; then ZUPT-1 at 10 s of the second stop, ZUPT-2 at 20 s and 40 s
     assert [bias(message) for message in outcome.biases[:2]] == [[0.0] * 3] * 2
@@ -232,25 +234,40 @@ def test_detector_has_the_node_calibrate_itself(how: str, live: dict[str, Outcom
     assert "samples lost" not in outcome.status
 
 
+def test_filter_has_the_stops_to_itself(live: dict[str, Outcome]) -> None:
+    """With `alignment_node`, too, the detector calls and is answered; the filter's own updates correct."""
+    outcome = live["ins_system"]
+    assert outcome.stopped == [False, True, False, True, False]
+    assert outcome.status["stops"] == "2" and outcome.status["ZUPT calibrations"] == "0"
+    wanted = (
+        r"zupt2 done: at rest for [34]\d s, left to alignment_node's filter, which knows gyro drifts in °/h: x -0.0"
+    )
+    assert re.match(wanted, outcome.status["last answer"])
+    covariance = np.asarray(outcome.biases[-1].angular_velocity_covariance).reshape(3, 3)
+    sigma = np.degrees(np.sqrt(np.diag(covariance))) * 3600.0
+    error = np.abs(np.subtract(bias(outcome.biases[-1]), DRIFTS))
+    assert (error < 3.0 * sigma).all() and sigma[2] < 0.003  # the vertical one shows at once
+
+
 @pytest.mark.parametrize("how", ["processes", "ins_system"])
-def test_live_equals_ins_process(how: str, live: dict[str, Outcome], batch: Outcome) -> None:
-    outcome = live[how]
-    assert outcome.stopped == batch.stopped
-    assert len(outcome.biases) - 1 == len(batch.biases)
+def test_live_equals_ins_process(how: str, live: dict[str, Outcome], batch: dict[str, Outcome]) -> None:
+    outcome, alone = live[how], batch[how]
+    assert outcome.stopped == alone.stopped
+    assert len(outcome.biases) - 1 == len(alone.biases)
     # a call that comes later by its latency, here eight times that, measures the same blocks, or one more
-    assert bias(outcome.biases[-1]) == pytest.approx(bias(batch.biases[-1]), abs=1e-4)
-    common = sorted(outcome.odometry.keys() & batch.odometry.keys())
-    assert common[-1] == max(batch.odometry)
+    assert bias(outcome.biases[-1]) == pytest.approx(bias(alone.biases[-1]), abs=1e-4)
+    common = sorted(outcome.odometry.keys() & alone.odometry.keys())
+    assert common[-1] == max(alone.odometry)
     for i in (-1, -2, -5, np.searchsorted(common, START_NS + round(LEAVES * 1e9)) - 1):
-        found, wanted = (of.odometry[common[i]].pose.pose for of in (outcome, batch))
+        found, wanted = (of.odometry[common[i]].pose.pose for of in (outcome, alone))
         # what is asked, in the stop and after the drive; without noise 0.02 mm for a call that comes 50 ms later
         assert math.hypot(found.position.x - wanted.position.x, found.position.y - wanted.position.y) < 1e-3
         q, p = (Rotation.from_quat([o.x, o.y, o.z, o.w]) for o in (found.orientation, wanted.orientation))
         assert math.degrees((q * p.inv()).magnitude()) < 1e-4
 
 
-def test_without_the_detector_nobody_calls(chain: Path, batch: Outcome, tmp_path: Path) -> None:
-    assert bias(batch.biases[-1]) == pytest.approx(DRIFTS, abs=1e-3)
+def test_without_the_detector_nobody_calls(chain: Path, batch: dict[str, Outcome], tmp_path: Path) -> None:
+    assert bias(batch["processes"].biases[-1]) == pytest.approx(DRIFTS, abs=1e-3)
     alone = offline(chain, tmp_path / "alone", "--nodes", "ins_node")
     assert [bias(message) for message in alone.biases] == [[0.0] * 3]
     assert alone.stopped == []

@@ -1,17 +1,17 @@
 """`alignment_node`: fine alignment and aided navigation by the feedback Kalman filter, for `ins_node`.
 
-Takes the IMU and the aids (satellite position and velocity, log, depth), aligns finely, and sends what it finds to
-`ins_node`, which goes on from there. A thin translator: `ins_nav.aided.AidedNavigator` does the work.
+Takes the IMU and the aids (satellite position and velocity, log, depth, pressure, ranges to beacons), aligns finely,
+and sends what it finds to `ins_node`, which goes on from there. A thin translator: `ins_nav.aided.AidedNavigator`
+does the work.
 """
 
 import sys
 from typing import Any
 
-from geometry_msgs.msg import PoseWithCovarianceStamped, TwistWithCovarianceStamped
 from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
-from sensor_msgs.msg import Imu, NavSatFix
+from sensor_msgs.msg import Imu
 from std_msgs.msg import Float64MultiArray, Header, MultiArrayDimension
 
 from ins_nav import messages
@@ -19,6 +19,7 @@ from ins_nav.aided import AidedNavigator
 from ins_nav.errors import for_people
 from ins_nav.nodes import parameters, runtime
 from ins_nav.nodes.reporting import Reporter
+from ins_nav.parameters import beacon_names
 
 _IMU_DEPTH = 2000
 """5 s at 400 Hz, as `ins_node` has."""
@@ -40,10 +41,9 @@ class AlignmentNode(Node):
         self._out = self.create_publisher(Float64MultiArray, "ins/feedback", reliable)
         self._feedback = feedback_message()
         self._subscribe(Imu, "imu/data_raw", self._on_imu, _IMU_DEPTH)
-        self._subscribe(NavSatFix, "gnss/fix", messages.feed_fix)
-        self._subscribe(TwistWithCovarianceStamped, "gnss/velocity", messages.feed_gnss_velocity)
-        self._subscribe(TwistWithCovarianceStamped, "log", messages.feed_log)
-        self._subscribe(PoseWithCovarianceStamped, "depth", messages.feed_depth)
+        beacons = beacon_names(self._navigator.parameters["range.beacons"])
+        for topic, (msgtype, feed) in messages.aid_topics(beacons).items():
+            self._subscribe(runtime.message_class(msgtype), topic, feed)
         self.create_subscription(Float64MultiArray, "ins/solution", self._on_solution, reliable)
         self.create_subscription(Header, "ins/called", self._on_called, reliable)
         self.create_timer(1.0, self._on_timer)

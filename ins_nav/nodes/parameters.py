@@ -5,7 +5,7 @@ import math
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
 from rclpy.node import Node
 
-from ins_nav.parameters import PARAMETERS, ROS_OWN, Value, checked_values
+from ins_nav.parameters import ROS_OWN, Value, beacon_names, checked_values, table
 
 
 def declare(node: Node) -> dict[str, Value]:
@@ -24,7 +24,7 @@ def declare(node: Node) -> dict[str, Value]:
         if name not in ROS_OWN and not name.startswith("qos_overrides.")
     }
     values = checked_values(given)
-    for parameter in PARAMETERS:
+    for parameter in table(beacon_names(values["range.beacons"])):
         descriptor = ParameterDescriptor(description=parameter.description, read_only=True)
         value = values[parameter.name]
         finite = isinstance(value, float) and all(map(math.isfinite, (value, parameter.low, parameter.high)))

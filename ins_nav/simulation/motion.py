@@ -83,6 +83,18 @@ def smooth_profile(initial: float, changes: Sequence[tuple[float, float, float]]
     ValueError
         If the changes overlap or have no duration.
     """
+    polynomial = _polynomial(initial, changes)
+    return Signal(lambda t, order: polynomial(t, order))
+
+
+def integral_of_profile(initial: float, changes: Sequence[tuple[float, float, float]]) -> Signal:
+    """What a `smooth_profile` adds up to since time 0: a height, say, from a rate of climb."""
+    polynomial = _polynomial(initial, changes).antiderivative()
+    start = float(polynomial(0.0))
+    return Signal(lambda t, order: polynomial(t, order)) + -start
+
+
+def _polynomial(initial: float, changes: Sequence[tuple[float, float, float]]) -> PPoly:
     breaks, pieces, value, end = [-1.0], [], initial, -1.0
     for start, duration, target in changes:
         if start < end or duration <= 0.0:
@@ -95,8 +107,7 @@ def smooth_profile(initial: float, changes: Sequence[tuple[float, float, float]]
         value, end = target, start + duration
     breaks.append(end + 1.0)  # extrapolated for ever
     pieces.append([value] + [0.0] * 7)
-    polynomial = PPoly(np.array(pieces).T[::-1], np.array(breaks))
-    return Signal(lambda t, order: polynomial(t, order))
+    return PPoly(np.array(pieces).T[::-1], np.array(breaks))
 
 
 class Route:

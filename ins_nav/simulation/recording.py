@@ -1,6 +1,7 @@
 """A simulation as a rosbag2, with the topics of a live system and the truth beside them."""
 
 import heapq
+import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -12,26 +13,37 @@ from tqdm import tqdm
 
 from ins_nav import earth
 from ins_nav.bags import TYPES, BagWriter, header, message
+from ins_nav.simulation.aids import GaugeReadings, RangeReadings, SimulatedAids
 from ins_nav.simulation.motion import Array
 from ins_nav.simulation.scenarios import Simulation
 from ins_nav.simulation.trajectory import Trajectory
 
 _IMU = "sensor_msgs/msg/Imu"
+_TWIST = "geometry_msgs/msg/TwistWithCovarianceStamped"
+_POSE = "geometry_msgs/msg/PoseWithCovarianceStamped"
+_PRESSURE = "sensor_msgs/msg/FluidPressure"
+_RANGE = "sensor_msgs/msg/Range"
 _FIX = "sensor_msgs/msg/NavSatFix"
 _ODOMETRY = "nav_msgs/msg/Odometry"
 _DIAGONAL_KNOWN = 2
+_UNKNOWN = 1e9
+"""Variance of what a message has room for and the sensor does not measure."""
 _CHUNK = 10_000
 
 Stream = Iterator[tuple[int, Any]]
 """Messages of one topic with their stamps, ns, in order."""
+Topic = tuple[str, str, int, Stream]
+"""Name, type, number of messages, messages."""
 
 
 def write_bag(simulation: Simulation, path: str | Path, overwrite: bool = False, progress: bool = False) -> int:
     """Write a recording of the simulation.
 
-    Topics: /imu/data_raw and /gnss/fix as measured; /truth/odometry (body in map, the tangent plane east-north-up
-    at the simulation's origin; twist relative to Earth, on body axes), /truth/imu (body to local east-north-up,
-    true angular rate in inertial space and specific force), /truth/fix. Truth has the stamps of samples.
+    Topics: /imu/data_raw and /gnss/fix as measured; those of the other aids that measured anything: /gnss/velocity,
+    /log, /depth, /pressure, /range/<beacon>, /beacon/<beacon>/fix. The truth: /truth/odometry (body in map, the
+    tangent plane east-north-up at the simulation's origin; twist relative to Earth, on body axes), /truth/imu (body
+    to local east-north-up, true angular rate in inertial space and specific force) and /truth/fix with the stamps of
+    samples; /truth/beacon/<beacon>/fix, where a beacon was at the instants it was ranged.
 
     Parameters
     ----------
@@ -58,9 +70,10 @@ def write_bag(simulation: Simulation, path: str | Path, overwrite: bool = False,
     step = max(1, round(s.parameters["rate"] / s.parameters["truth.rate"]))
     truth = np.arange(step, len(t.time), step)
     truth_stamps = s.stamps_ns[truth - 1]
-    topics: list[tuple[str, str, int, Stream]] = [
+    topics: list[Topic] = [
         ("/imu/data_raw", _IMU, len(s.stamps_ns), _measured_imu(s)),
         ("/gnss/fix", _FIX, len(s.fixes.stamps_ns), _fixes("gnss_link", *s.fixes)),
+        *(topic for topic in _aids(s.aids) if topic[2]),
         ("/truth/odometry", _ODOMETRY, len(truth), _true_odometry(truth_stamps, t, truth)),
         ("/truth/imu", _IMU, len(truth), _true_imu(truth_stamps, t, truth)),
         (
@@ -148,6 +161,64 @@ def _fixes(
     make = TYPES.types[_FIX]
     for stamp, lat_deg, lon_deg, h in _rows(stamps_ns, np.degrees(lat), np.degrees(lon), height):
         yield stamp, make(header(stamp, frame_id), status, lat_deg, lon_deg, h, covariance, _DIAGONAL_KNOWN)
+
+
+def _aids(aids: SimulatedAids) -> Iterator[Topic]:
+    """Topics of the aids but the fixes, also those without messages."""
+    velocity, log, depth, pressure = aids.gnss_velocity, aids.log, aids.depth, aids.pressure
+    count = len(velocity.stamps_ns)
+    stddev = np.full(count, velocity.stddev)
+    yield "/gnss/velocity", _TWIST, count, _twists("gnss_link", velocity.stamps_ns, velocity.velocity, stddev)
+    yield "/log", _TWIST, len(log.stamps_ns), _twists("log_link", log.stamps_ns, log.velocity, log.stddev)
+    yield "/depth", _POSE, len(depth.stamps_ns), _depths(depth)
+    yield "/pressure", _PRESSURE, len(pressure.stamps_ns), _pressures(pressure)
+    for name, ranges in aids.ranges.items():
+        yield f"/range/{name}", _RANGE, len(ranges.stamps_ns), _ranges(ranges)
+        beacon = ranges.beacon
+        yield f"/truth/beacon/{name}/fix", _FIX, len(beacon.stamps_ns), _fixes(name, *beacon)
+    for name, fixes in aids.beacon_fixes.items():
+        yield f"/beacon/{name}/fix", _FIX, len(fixes.stamps_ns), _fixes(name, *fixes)
+
+
+def _twists(frame_id: str, stamps_ns: NDArray[np.int64], velocity: Array, stddev: Array) -> Stream:
+    """Velocities; the angular part is not measured."""
+    for stamp, v, sigma in _rows(stamps_ns, velocity, stddev):
+        msg = message(_TWIST, header=header(stamp, frame_id))
+        msg.twist.twist.linear = _vector(v)
+        msg.twist.covariance = np.diag([sigma**2] * 3 + [_UNKNOWN] * 3).ravel()
+        yield stamp, msg
+
+
+def _depths(depth: GaugeReadings) -> Stream:
+    covariance = np.diag([_UNKNOWN, _UNKNOWN, depth.stddev**2] + [_UNKNOWN] * 3).ravel()
+    for stamp, value in _rows(depth.stamps_ns, depth.value):
+        msg = message(_POSE, header=header(stamp, "water_surface"))
+        msg.pose.pose.position.z = -value
+        msg.pose.pose.orientation.w = 1.0
+        msg.pose.covariance = covariance
+        yield stamp, msg
+
+
+def _pressures(pressure: GaugeReadings) -> Stream:
+    make, variance = TYPES.types[_PRESSURE], pressure.stddev**2
+    for stamp, value in _rows(pressure.stamps_ns, pressure.value):
+        yield stamp, make(header(stamp, "pressure_link"), value, variance)
+
+
+def _ranges(ranges: RangeReadings) -> Stream:
+    for stamp, distance in _rows(ranges.stamps_ns, ranges.distance):
+        yield (
+            stamp,
+            message(
+                _RANGE,
+                header=header(stamp, "range_link"),
+                radiation_type=0,  # ULTRASOUND
+                field_of_view=2.0 * math.pi,
+                max_range=ranges.limit,
+                range=distance,
+                variance=ranges.stddev**2,
+            ),
+        )
 
 
 def _rows(*arrays: NDArray[Any]) -> Iterator[Any]:

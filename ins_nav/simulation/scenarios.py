@@ -24,14 +24,18 @@ from numpy.typing import NDArray
 from ins_nav import attitude
 from ins_nav.bags import suggestion
 from ins_nav.errors import InsNavError
+from ins_nav.simulation.aids import SimulatedAids, measure_aids
+from ins_nav.simulation.missions import AUV_DIVE, auv_dive
 from ins_nav.simulation.motion import Array, Motion, Route, Signal, constant, sinusoid, smooth_profile
 from ins_nav.simulation.parameters import SHARED, Parameter, Values, resolved
-from ins_nav.simulation.sensors import Fixes, GnssReceiver, ImuErrors, Triple
+from ins_nav.simulation.sensors import Fixes, ImuErrors, Triple, measure_imu
 from ins_nav.simulation.trajectory import EarthMotion, Origin, Trajectory
+from ins_nav.simulation.waves import ROCKING, SWELL, rocking_signals
 
 START_NS = 1_700_000_000 * 10**9
 """Stamp of a simulation's time 0."""
 
+_SENSORS = ("imu.", "gnss.", "log.", "depth.", "pressure.", "beacon.", "range.")
 MotionMaker = Callable[[Values], Motion]
 
 
@@ -71,7 +75,35 @@ class Simulation:
     """Constant part of the gyros' bias, what was drawn included, rad/s."""
     accel_bias: Triple
     """The same of the accelerometers, m/s²."""
-    fixes: Fixes
+    aids: SimulatedAids
+
+    @property
+    def fixes(self) -> Fixes:
+        """GNSS."""
+        return self.aids.fixes
+
+    def redrawn(self, seed: int, **parameters: Any) -> "Simulation":
+        """All sensors' errors drawn anew along the same trajectory: one run of many.
+
+        Parameters
+        ----------
+        seed : int
+            Not negative.
+        **parameters
+            Of the sensors, by name, to change besides; not ``imu.preset``.
+
+        Raises
+        ------
+        InsNavError
+            If a parameter is unknown, does not fit, or is not one of the sensors.
+        """
+        for name in parameters:
+            if name == "imu.preset" or not name.startswith(_SENSORS):
+                raise InsNavError(f"parameter {name} cannot change along a trajectory; simulate {self.scenario} anew")
+        table = SCENARIOS[self.scenario].parameters
+        return _measured(
+            self.scenario, resolved(self.scenario, table, {**self.parameters, **parameters}), self.trajectory, seed
+        )
 
 
 def scenario(text: str, parameters: Mapping[str, Any]) -> Callable[[MotionMaker], MotionMaker]:
@@ -109,19 +141,15 @@ def simulate(name: str, seed: int = 0, /, **parameters: Any) -> Simulation:
     chosen = SCENARIOS[name]
     p = resolved(name, chosen.parameters, {**chosen.errors, **parameters})
     origin = Origin(math.radians(p["lat_deg"]), math.radians(p["lon_deg"]), p["height"])
-    if round(p["duration"] * p["rate"]) < 1:
-        raise InsNavError(f"duration {p['duration']:g} s at rate {p['rate']:g} Hz has no sample; make it longer")
-    trajectory = EarthMotion(chosen.motion(p), origin).trajectory(p["rate"])
-    dt = 1.0 / p["rate"]
-    if p["imu.sampling"] == "averaged":
-        rate, force = trajectory.delta_theta / dt, trajectory.delta_velocity / dt
-    else:
-        rate, force = trajectory.rate[1:], trajectory.specific_force[1:]
-    errors = ImuErrors(**{f.name: p[f"imu.{f.name}"] for f in fields(ImuErrors)})
-    angular_velocity, gyro_bias = errors.gyro.measure(rate, dt, seed, "gyro")
-    linear_acceleration, accel_bias = errors.accel.measure(force, dt, seed, "accel")
+    motion = chosen.motion(p)
+    if round(motion.duration * p["rate"]) < 1:
+        raise InsNavError(f"duration {motion.duration:g} s at rate {p['rate']:g} Hz has no sample; make it longer")
+    return _measured(name, p, EarthMotion(motion, origin).trajectory(p["rate"]), seed)
+
+
+def _measured(name: str, p: dict[str, Any], trajectory: Trajectory, seed: int) -> Simulation:
     stamps_ns = START_NS + np.rint(np.arange(len(trajectory.time)) * (1e9 / p["rate"])).astype(np.int64)
-    receiver = GnssReceiver(p["gnss.rate"], p["gnss.horizontal_stddev"], p["gnss.vertical_stddev"], p["gnss.lever_arm"])
+    imu = measure_imu(p, trajectory, seed)
     return Simulation(
         scenario=name,
         seed=seed,
@@ -129,12 +157,12 @@ def simulate(name: str, seed: int = 0, /, **parameters: Any) -> Simulation:
         trajectory=trajectory,
         start_ns=START_NS,
         stamps_ns=stamps_ns[1:],
-        angular_velocity=angular_velocity,
-        linear_acceleration=linear_acceleration,
-        errors=errors,
-        gyro_bias=gyro_bias,
-        accel_bias=accel_bias,
-        fixes=receiver.fixes(trajectory, stamps_ns, seed),
+        angular_velocity=imu.angular_velocity,
+        linear_acceleration=imu.linear_acceleration,
+        errors=ImuErrors.of(p),
+        gyro_bias=imu.gyro_bias,
+        accel_bias=imu.accel_bias,
+        aids=measure_aids(p, trajectory, stamps_ns, seed),
     )
 
 
@@ -158,26 +186,20 @@ def static(p: Values) -> Motion:
     )
 
 
-_ROCKING = {
+_ROCKING = ROCKING | {
     "duration": 900.0,
     "rate": 400.0,
     "imu.preset": "fog_auv",
     "rocking_time": Parameter(300.0, "s", "how long it rocks; it settles within 5 s then", 0.0),
-    "period": Parameter(11.0, "s", "period of roll and pitch", 0.1),
-    "roll_amplitude_deg": Parameter(5.0, "deg", "amplitude of roll", 0.0, 90.0),
-    "pitch_amplitude_deg": Parameter(5.0, "deg", "amplitude of pitch", 0.0, 60.0),
-    "pitch_phase_deg": Parameter(90.0, "deg", "phase of pitch before roll"),
-    "linear_period": Parameter(8.0, "s", "period of surge, sway and heave", 0.1),
-    "surge_amplitude": Parameter(0.0, "m", "amplitude forward", 0.0),
-    "sway_amplitude": Parameter(0.0, "m", "amplitude to the left, a third of a period after surge", 0.0),
-    "heave_amplitude": Parameter(0.0, "m", "amplitude up, two thirds of a period after surge", 0.0),
 }
-_SWELL = _ROCKING | {
-    "lat_deg": 55.7,
-    "rocking_time": Parameter(900.0, "s", "how long it rocks; it settles within 5 s then", 0.0),
-    "surge_amplitude": Parameter(0.5, "m", "amplitude forward", 0.0),
-    "heave_amplitude": Parameter(0.5, "m", "amplitude up, two thirds of a period after surge", 0.0),
-}
+_SWELL = (
+    _ROCKING
+    | SWELL
+    | {
+        "lat_deg": 55.7,
+        "rocking_time": Parameter(900.0, "s", "how long it rocks; it settles within 5 s then", 0.0),
+    }
+)
 
 
 @scenario("Rocks about a constant heading as on a bench, then stands still.", _ROCKING)
@@ -207,21 +229,8 @@ def swell_alignment_turn(p: Values) -> Motion:
 
 def _rocking(p: Values, yaw: Signal) -> Motion:
     """Roll and pitch about the heading; surge and sway along the first heading."""
-    rocks = smooth_profile(1.0, [(p["rocking_time"], 5.0, 0.0)])
-    along = _yaw(p)
-    surge, sway, heave = (
-        rocks * sinusoid(p[f"{axis}_amplitude"], p["linear_period"], -phase * 2.0 * math.pi / 3.0)
-        for phase, axis in enumerate(("surge", "sway", "heave"))
-    )
-    return Motion(
-        p["duration"],
-        yaw=yaw,
-        roll=rocks * sinusoid(math.radians(p["roll_amplitude_deg"]), p["period"]),
-        pitch=rocks * sinusoid(math.radians(p["pitch_amplitude_deg"]), p["period"], math.radians(p["pitch_phase_deg"])),
-        x=math.cos(along) * surge + -math.sin(along) * sway,
-        y=math.sin(along) * surge + math.cos(along) * sway,
-        z=heave,
-    )
+    waves = rocking_signals(p, smooth_profile(1.0, [(p["rocking_time"], 5.0, 0.0)]), _yaw(p))
+    return Motion(p["duration"], yaw=yaw, roll=waves.roll, pitch=waves.pitch, x=waves.x, y=waves.y, z=waves.z)
 
 
 _CITY: tuple[tuple[str, float, float], ...] = (
@@ -383,3 +392,8 @@ def zupt1_two_positions(p: Values) -> Motion:
     pitch, roll = _lean(speed, yaw)
     tilt = smooth_profile(0.0, [(*turning, math.radians(p["tilt_deg"])), (leaves, _UNTILT_TIME, 0.0)])
     return Motion(p["duration"], speed=speed, yaw=yaw, pitch=pitch + tilt, roll=roll)
+
+
+scenario(
+    "An underwater vehicle's mission: alignment in swell, surface leg, dive in parallel legs, surfacing.", AUV_DIVE
+)(auv_dive)

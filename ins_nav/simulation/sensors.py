@@ -1,12 +1,13 @@
-"""Sensors' errors: inertial sensors by their datasheet, and a GNSS receiver.
+"""Sensors' errors: inertial sensors by their datasheet, and a GNSS receiver. Other aids: `ins_nav.simulation.aids`.
 
 Every error source draws from a stream of its own, named after it: switching one off, or changing its size, leaves
 the others' draws as they were. What is drawn depends on the seed alone.
 """
 
 import math
-from dataclasses import dataclass
-from typing import NamedTuple
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -99,6 +100,19 @@ class TriadErrors:
         return out, (x, y, z)
 
 
+class ImuReadings(NamedTuple):
+    """Output of an inertial unit, n samples."""
+
+    angular_velocity: Array
+    """(n, 3), rad/s."""
+    linear_acceleration: Array
+    """(n, 3), specific force, m/s²."""
+    gyro_bias: Triple
+    """Constant part of the gyros' bias, what was drawn included, rad/s."""
+    accel_bias: Triple
+    """The same of the accelerometers, m/s²."""
+
+
 @dataclass(frozen=True)
 class ImuErrors:
     """Errors of an inertial unit in the units of datasheets; see `TriadErrors` for their meaning.
@@ -155,6 +169,11 @@ class ImuErrors:
             misalignment_stddev=self.accel_misalignment_stddev_arcsec * _ARCSEC,
             quantization=self.accel_quantization_mm_per_s * 1e-3,
         )
+
+    @classmethod
+    def of(cls, parameters: Mapping[str, Any]) -> "ImuErrors":
+        """From the parameters ``imu.*`` of a simulation."""
+        return cls(**{f.name: parameters[f"imu.{f.name}"] for f in fields(cls)})
 
 
 PRESETS = {
@@ -231,6 +250,8 @@ class GnssReceiver:
     """m."""
     lever_arm: Triple = _NONE3
     """Antenna from the IMU, on body axes, m."""
+    lowest: float = -math.inf
+    """No fix while the antenna is below this ellipsoidal height: under water, m."""
 
     def fixes(self, trajectory: Trajectory, stamps_ns: NDArray[np.int64], seed: int) -> Fixes:
         """Fixes at the trajectory's instants nearest to the receiver's.
@@ -249,20 +270,45 @@ class GnssReceiver:
         InsNavError
             If the receiver is faster than the trajectory.
         """
-        if self.rate * trajectory.interval > 1.0:
-            raise InsNavError(f"gnss.rate {self.rate:g} Hz is above the IMU's rate; lower it")
-        count = int(trajectory.time[-1] * self.rate + 1e-6) + 1 if self.rate else 0
-        index = np.rint(np.arange(count) / np.float64(self.rate * trajectory.interval)).astype(np.int64)
+        index = instants(trajectory, self.rate, "gnss.rate")
         stddev = (self.horizontal_stddev, self.horizontal_stddev, self.vertical_stddev)
-        noise = stddev * stream(seed, "gnss.noise").standard_normal((count, 3))
+        noise = stddev * stream(seed, "gnss.noise").standard_normal((len(index), 3))
         x, y, z, w = trajectory.q_nb[index].T
         # lever arm turned to east-north-up
         arm = np.array(self.lever_arm)
         vector = np.stack([x, y, z], axis=-1)
         turned = 2.0 * np.cross(vector, arm)
         offset = noise + arm + w[:, None] * turned + np.cross(vector, turned)
-        lat, lon, height = _moved(trajectory.lat[index], trajectory.lon[index], trajectory.height[index], offset)
-        return Fixes(stamps_ns[index], lat, lon, height, stddev)
+        lat, lon, height = moved(trajectory.lat[index], trajectory.lon[index], trajectory.height[index], offset)
+        seen = trajectory.height[index] + (offset - noise)[:, 2] >= self.lowest
+        return Fixes(stamps_ns[index][seen], lat[seen], lon[seen], height[seen], stddev)
+
+
+def measure_imu(parameters: Mapping[str, Any], trajectory: Trajectory, seed: int) -> ImuReadings:
+    """What the inertial unit of a simulation's parameters puts out along the trajectory; seed not negative."""
+    dt = 1.0 / parameters["rate"]
+    if parameters["imu.sampling"] == "averaged":
+        rate, force = trajectory.delta_theta / dt, trajectory.delta_velocity / dt
+    else:
+        rate, force = trajectory.rate[1:], trajectory.specific_force[1:]
+    errors = ImuErrors.of(parameters)
+    angular_velocity, gyro_bias = errors.gyro.measure(rate, dt, seed, "gyro")
+    linear_acceleration, accel_bias = errors.accel.measure(force, dt, seed, "accel")
+    return ImuReadings(angular_velocity, linear_acceleration, gyro_bias, accel_bias)
+
+
+def instants(trajectory: Trajectory, rate: float, name: str) -> NDArray[np.int64]:
+    """Indices of the trajectory's instants nearest to those of a sensor with a rate, Hz (0: none).
+
+    Raises
+    ------
+    InsNavError
+        If the sensor is faster than the trajectory; name is that of its parameter.
+    """
+    if rate * trajectory.interval > 1.0:
+        raise InsNavError(f"{name} {rate:g} Hz is above the IMU's rate; lower it")
+    count = int(trajectory.time[-1] * rate + 1e-6) + 1 if rate else 0
+    return np.rint(np.arange(count) / np.float64(rate * trajectory.interval)).astype(np.int64)
 
 
 def stream(seed: int, name: str) -> np.random.Generator:
@@ -272,7 +318,7 @@ def stream(seed: int, name: str) -> np.random.Generator:
     return np.random.default_rng([seed, *name.encode()])
 
 
-def _moved(lat: Array, lon: Array, height: Array, offset: Array) -> tuple[Array, Array, Array]:
+def moved(lat: Array, lon: Array, height: Array, offset: Array) -> tuple[Array, Array, Array]:
     """Position moved by a few metres east, north, up (n, 3); to d²/2R (0.1 mm at 30 m), at the poles too."""
     meridian, prime_vertical = earth.principal_radii(np.sin(lat))
     east, north = offset[:, 0] / (prime_vertical + height), offset[:, 1] / (meridian + height)
