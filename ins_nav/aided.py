@@ -32,7 +32,10 @@ from ins_nav.error_filter import GATE, PATIENCE, ErrorFilter, Measurement, Solut
 from ins_nav.feedback import Feedback
 from ins_nav.health import INFO, WARN
 from ins_nav.history import LENGTH_NS
-from ins_nav.navigator import Navigator, Phase, is_place
+from ins_nav.navigator import Navigator, Phase
+from ins_nav.parameters import Value
+from ins_nav.start_place import Place, is_place
+from ins_nav.state_file import log_calibration
 from ins_nav.stop_detection import Change
 from ins_nav.stop_updates import StopUpdates
 from ins_nav.stops import SETTLE_NS, Triple
@@ -252,6 +255,12 @@ class AidedNavigator(Navigator):
             return []
         return list(zip(self.filter.own(name).tolist(), self.filter.own_stddev(name).tolist(), strict=True))
 
+    @property
+    def found_calibration(self) -> dict[str, Value]:
+        """Parameters of the log, once it has had a say."""
+        log = self.records.get(aids.LOG)
+        return log_calibration(self.own_states(aids.LOG)) if log is not None and log.accepted else {}
+
     def call_zupt(self, stamp_ns: int) -> None:
         """A ZUPT service was called at this stamp; what the stop shows is taken where the policy says so."""
         if self.filter is not None:
@@ -267,8 +276,8 @@ class AidedNavigator(Navigator):
 
     # --- what is done with it
 
-    def _navigate(self, alignment: Alignment, lat: float, lon: float, height: float) -> None:
-        super()._navigate(alignment, lat, lon, height)
+    def _navigate(self, alignment: Alignment, place: Place) -> None:
+        super()._navigate(alignment, place)
         self._noise = alignment.gyro_noise, alignment.accel_noise
         self._filter_from(self.accuracy.covariance, self.stamp_ns)
         self._before = self._raw

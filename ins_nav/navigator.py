@@ -12,30 +12,22 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from ins_nav import attitude, strapdown
+from ins_nav import attitude, state_file, strapdown
 from ins_nav.accuracy import Accuracy, after_alignment
-from ins_nav.aids import Settings
 from ins_nav.coarse_alignment import Alignment, AlignmentError, CoarseAlignment
 from ins_nav.feedback import Feedback, FeedbackQueue
 from ins_nav.health import ERROR, INFO, WARN, Health
 from ins_nav.history import History
 from ins_nav.imu_stream import ImuStream
-from ins_nav.parameters import checked_values
+from ins_nav.parameters import Value, checked_values
+from ins_nav.start_place import Place, StartPlace
 from ins_nav.stop_detection import Change
 from ins_nav.stops import MILLI_G, Correction, Stops
 from ins_nav.zupt import Calibration, ZuptError
 
 _DEG_PER_HOUR = math.radians(1.0) / 3600.0
-_HEIGHTS = -12e3, 1e5
-"""m, ellipsoidal: no vehicle is elsewhere."""
 _COARSE_GAP = 0.1
 """s: a longer gap loses the attitude of a rocking base: coarse alignment begins again."""
-
-
-def is_place(latitude_deg: float, longitude_deg: float, height: float) -> bool:
-    """Whether a fix can be one; its height, m, need not be known."""
-    known = math.isfinite(latitude_deg) and math.isfinite(longitude_deg) and abs(latitude_deg) <= 90.0
-    return known and (not math.isfinite(height) or _HEIGHTS[0] <= height <= _HEIGHTS[1])
 
 
 class Phase(enum.Enum):
@@ -74,12 +66,12 @@ class Navigator:
         How many alignments and calibrations there have been.
     restarts : int
         How often the stamps have jumped.
-    position_stddev : 3 floats
-        Of the place of alignment, m.
     aligned_ns : int
         Stamp at which alignment ended; 0 before.
     map : MapFrame or None
         East-north-up at the place of the first alignment since the start or the last restart.
+    log_calibration : dict
+        Parameters of the log that `alignment_node` has found, to be saved.
     health : Health
     stream : ImuStream
     stops : Stops
@@ -90,8 +82,11 @@ class Navigator:
     """
 
     def __init__(self, overrides: Mapping[str, object] | None = None) -> None:
-        self.parameters = values = checked_values(overrides or {})
         self.health = Health()
+        values, last = state_file.take_up(checked_values(overrides or {}), self.health)
+        self.parameters = values
+        self._place = StartPlace(values, last, self.health)
+        self.log_calibration: dict[str, Value] = {}
         self.stream = ImuStream(
             self.health,
             self._number("imu.max_angular_velocity"),
@@ -141,16 +136,9 @@ class Navigator:
         self.accel_bias = self.stops.accel_bias = self._given_accel_bias  # type: ignore[assignment]
         self.stops.restart()
         self.aligned_ns = 0
-        self._position: tuple[float, float, float] | None = None
-        latitude = self._number("initial.latitude_deg")
-        if not math.isnan(latitude):
-            longitude = math.radians(self._number("initial.longitude_deg"))
-            self._position = (math.radians(latitude), longitude, self._number("initial.height"))
-        self.position_stddev = (self._number("initial.position_stddev"),) * 3
-        self._lever_arm = (0.0, 0.0, 0.0)
+        self._place.begin()
         self._feedback.restart()
         self._align()
-        self._moved_since_fix = False
 
     def _align(self) -> None:
         self.stops.forget()
@@ -161,7 +149,10 @@ class Navigator:
         self._alignment = CoarseAlignment(
             self._duration, gyro_bias_stddev, self.accel_bias_stddev, self._number("alignment.max_speed")
         )
-        self._moved_since_fix = True  # the place known so far is where it was: a newer fix is better
+
+    def _align_again(self) -> None:
+        self._place.renew()
+        self._align()
 
     def align(self) -> str:
         """Start alignment again, at the place of the present solution when there is one; says what happens now.
@@ -170,15 +161,15 @@ class Navigator:
         """
         if self.state is not None:
             where = strapdown.geodetic(self.state)
-            self._position, self._lever_arm = (where.lat, where.lon, where.height), (0.0, 0.0, 0.0)
             east, north, up = np.sqrt(self._known().diagonal()[:3]).tolist()
-            self.position_stddev = (max(east, north), max(east, north), up)
+            stddev = max(east, north)
+            self._place.put(Place(where.lat, where.lon, where.height, (stddev, stddev, up)))
             if self._heading is not None:  # given at the start: where it points now is what is known
                 self._heading = attitude.heading_from_yaw(attitude.to_euler(where.q_gb)[2])
                 self._heading_stddev = math.sqrt(self.attitude_covariance[2, 2])
         self.state = None
         self.phase = Phase.COARSE if self._previous is not None else Phase.WAITING
-        self._align()
+        self._align_again()
         return f"alignment started: stand still, or rock without travelling, for {self._duration:g} s"
 
     def zupt1(self) -> tuple[bool, str]:
@@ -196,6 +187,30 @@ class Navigator:
     def zupt2(self) -> tuple[bool, str]:
         """At rest: drifts are corrected, the azimuth trusted; results as of `zupt1`."""
         return self._calibrate("zupt2")
+
+    def save(self) -> tuple[bool, str]:
+        """Write ``state_file``; results as of `zupt1`."""
+        path = str(self.parameters["state_file"])
+        if not path:
+            return False, "no state_file: start the node with a name for it"
+        if self.state is None:
+            return False, f"no navigation solution yet: {self.phase.value}; call again when navigating"
+        where = strapdown.geodetic(self.state)
+        heading = math.degrees(attitude.heading_from_yaw(attitude.to_euler(where.q_gb)[2]))
+        stddev = math.sqrt(float(self._known().diagonal()[:2].max()))
+        place = math.degrees(where.lat), math.degrees(where.lon), where.height
+        kept: dict[str, Value] = {
+            "imu.gyro_bias_deg_per_hour": [x / _DEG_PER_HOUR for x in self.gyro_bias],
+            "imu.accel_bias_mg": [x / MILLI_G for x in self.accel_bias],
+            **self.log_calibration,
+        }
+        try:
+            state_file.save(path, kept, state_file.Pose(*place, heading, stddev, self.stamp_ns * 1e-9))
+        except state_file.StateFileError as error:
+            return False, str(error)
+        text = f"{', '.join(kept)} and the pose written to {path}"
+        self.health.tell(INFO, f"save: {text}")
+        return True, text
 
     def _calibrate(self, name: str) -> tuple[bool, str]:
         if self.state is None:
@@ -323,29 +338,8 @@ class Navigator:
         covariance : sequence of float
             East, north, up, row by row, m²; empty: not given.
         """
-        if status < 0:
-            self.health.note("no fix", INFO, "gnss/fix: no fix (status < 0)", stamp_ns)
-            return
-        if not is_place(latitude_deg, longitude_deg, height):
-            self.health.note(
-                "invalid fixes",
-                WARN,
-                f"gnss/fix: position ({latitude_deg}, {longitude_deg}, {height}) rejected: a receiver "
-                "without a fix must say so by status -1",
-                stamp_ns,
-            )
-            return
-        if self.state is None and (self._position is None or self._moved_since_fix):
-            self._moved_since_fix = False
-            if not math.isfinite(height):
-                self.health.note("no height", WARN, "gnss/fix: altitude is not a number, taken as 0 m", stamp_ns)
-                height = 0.0
-            self._position = (math.radians(latitude_deg), math.radians(longitude_deg), height)
-            settings = Settings.of("gnss", self.parameters)
-            self._lever_arm = settings.lever_arm
-            matrix = settings.covariance(covariance, 3)
-            east, north, up = np.sqrt(matrix.diagonal()).tolist()
-            self.position_stddev = (max(east, north), max(east, north), up)
+        aligning = self.state is None
+        self._place.take_fix(stamp_ns, status, latitude_deg, longitude_deg, height, covariance, aligning)
 
     def add_imu(self, stamp_ns: int, wx: float, wy: float, wz: float, fx: float, fy: float, fz: float) -> bool:
         """Take one IMU sample on the IMU's axes; True when there is a new solution.
@@ -430,37 +424,28 @@ class Navigator:
                 f"coarse alignment starts again after a gap of {sample[0]:.3f} s in imu/data_raw",
                 self.stamp_ns,
             )
-            self._align()
+            self._align_again()
             return
         try:
             self._alignment.add(previous, sample, self._instantaneous)
             if self._alignment.time < self._duration * (1.0 - 1e-9):
                 return
-            if self._position is None:
-                self.health.note(
-                    "waiting for position",
-                    WARN,
-                    "alignment has its data but no position: publish gnss/fix or set "
-                    "initial.latitude_deg, initial.longitude_deg and initial.height",
-                    self.stamp_ns,
-                )
+            place = self._place.found(self.stamp_ns)
+            if place is None:
                 return
-            lat, lon, height = self._position
-            alignment = self._alignment.solve(lat, height, self._heading, self._heading_stddev)
-            self._navigate(alignment, lat, lon, height)
+            alignment = self._alignment.solve(place.lat, place.height, self._heading, self._heading_stddev)
+            self._navigate(alignment, place)
         except AlignmentError as error:
             self.health.note("alignment restarts", ERROR, f"alignment from imu/data_raw: {error}", self.stamp_ns)
-            self._align()
+            self._align_again()
 
-    def _navigate(self, alignment: Alignment, lat: float, lon: float, height: float) -> None:
+    def _navigate(self, alignment: Alignment, place: Place) -> None:
         east, north, up = alignment.velocity_g
         velocity = (east, north, up if self._vertical else 0.0)
-        state = strapdown.initial_state(lat, lon, height, velocity, alignment.q_gb)
-        arm = attitude.rotate(alignment.q_gb, *self._lever_arm)
+        state = strapdown.initial_state(place.lat, place.lon, place.height, velocity, alignment.q_gb)
+        arm = attitude.rotate(alignment.q_gb, *place.lever_arm)
         if any(arm):  # the place is that of an antenna
             state = strapdown.corrected(state, (-arm[0], -arm[1], -arm[2]))
-            where = strapdown.geodetic(state)
-            lat, lon, height = where.lat, where.lon, where.height
         self.state = state
         self._history.add(self.stamp_ns, self._raw, state)
         self.stops.begin(
@@ -472,10 +457,11 @@ class Navigator:
             self.gyro_bias_covariance,
             None if self._heading is None else self._heading_stddev**2,
         )
-        covariance = after_alignment(alignment, self.position_stddev, arm)
+        covariance = after_alignment(alignment, place.stddev, arm)
         self.accuracy.begin(self.stamp_ns, state, covariance, (alignment.gyro_noise, alignment.accel_noise))
         if self.map is None:  # it stays where it was when alignment is repeated
-            self.map = strapdown.MapFrame(lat, lon, height)
+            where = strapdown.geodetic(state)
+            self.map = strapdown.MapFrame(where.lat, where.lon, where.height)
         self.changes += 1
         self.aligned_ns = self.stamp_ns
         self.phase = Phase.NAVIGATING

@@ -301,6 +301,12 @@ PARAMETERS = (
         0.0,
         30.0,
     ),
+    Parameter(
+        "state_file",
+        "",
+        "file of biases, the log's calibration and the last pose: taken up at the start where it is there, written by "
+        "ins_node/save",
+    ),
     Parameter("publish.rate", 0.0, "odometry, imu/data and fix a second; 0: one for every IMU sample", 0.0, 2000.0),
     Parameter("publish.tf", False, "publish map -> base_link on /tf too (needs tf2_msgs)"),
     Parameter("map_frame", "map", "frame_id of odometry: east-north-up at the start"),

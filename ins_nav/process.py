@@ -250,6 +250,11 @@ def main(argv: Sequence[str] | None = None) -> int | None:
                 print(f"ins_process: interrupted; {args.output} ends there", file=sys.stderr)
                 raise
             recorder.tick(reader.end_ns, last=True)
+    if args.save:
+        navigator.log_calibration = {} if aided is None else aided.found_calibration
+        saved, text = navigator.save()
+        if not saved:
+            raise InsNavError(f"--save: {text}")
     stream = navigator.stream
     counts = "".join(f", {kind}: {count}" for kind, count in navigator.health.counts.items())
     print(
@@ -299,5 +304,6 @@ def _parser() -> argparse.ArgumentParser:
         metavar="NODE",
         help=f"nodes whose work is done, of {', '.join(NODES)} (default: all; ins_node always is)",
     )
+    parser.add_argument("--save", action="store_true", help="write state_file at the end, as ins_node/save does")
     parser.add_argument("--overwrite", action="store_true", help="replace a bag that is there")
     return parser

@@ -15,6 +15,7 @@ from typing import NamedTuple
 import yaml
 
 from ins_nav.errors import InsNavError
+from ins_nav.health import INFO, WARN, Health
 from ins_nav.parameters import Value, checked_values, read_file
 
 _BIASES = ("imu.gyro_bias_deg_per_hour", "imu.accel_bias_mg")
@@ -41,11 +42,24 @@ class Pose(NamedTuple):
     """s."""
 
 
-def log_calibration(values: Sequence[tuple[float, float]]) -> dict[str, float]:
-    """The log's own states, value and sigma each (`ins_nav.measurements.Log`), as parameters."""
+def log_calibration(values: Sequence[tuple[float, float]]) -> dict[str, Value]:
+    """The log's own states, value and sigma each (`ins_nav.measurements.Log`), as parameters; none where none."""
+    if not values:
+        return {}
     (scale, scale_stddev), (pitch, pitch_stddev), (yaw, yaw_stddev) = values[:3]
     found = scale, scale_stddev, math.degrees(pitch), math.degrees(yaw), math.degrees(max(pitch_stddev, yaw_stddev))
     return dict(zip(_LOG, found, strict=True))
+
+
+def read_calibration(labels: Sequence[str], numbers: Sequence[float]) -> dict[str, Value] | None:
+    """The log's parameters by name from a message; None where they are not."""
+    if tuple(labels) != _LOG or len(numbers) != len(_LOG):
+        return None
+    try:
+        checked = checked_values(dict(zip(labels, numbers, strict=True)))
+    except InsNavError:
+        return None
+    return {name: checked[name] for name in _LOG}
 
 
 def save(path: str | Path, parameters: Mapping[str, Value], pose: Pose) -> None:
@@ -68,14 +82,37 @@ def save(path: str | Path, parameters: Mapping[str, Value], pose: Pose) -> None:
         tree.setdefault(group, {})[key] = value
     tree[_LAST] = dict(pose._asdict())
     text = yaml.safe_dump({"/**": {"ros__parameters": tree}}, sort_keys=False)
-    when = datetime.fromtimestamp(pose.stamp, UTC).isoformat(timespec="seconds")
-    target = Path(path)
+    target = Path(path).expanduser()
     part = target.with_name(target.name + ".part")
     try:
-        part.write_text(f"# Saved by ins_nav at {when}, by the stamps of its IMU.\n{text}", encoding="utf-8")
+        part.write_text(f"# Saved by ins_nav at {_date(pose)}, by the stamps of its IMU.\n{text}", encoding="utf-8")
         os.replace(part, target)
     except OSError as error:
         raise StateFileError(f"state_file {path}: {error.strerror}") from None
+
+
+def take_up(values: dict[str, Value], health: Health) -> tuple[dict[str, Value], Pose | None]:
+    """What ``state_file`` has kept, in place of the parameters' values; and the last pose, where there is one.
+
+    A file that is not there yet, or damaged, is told and left alone: a vehicle must start without it.
+    """
+    path = Path(str(values["state_file"])).expanduser()
+    if not values["state_file"]:
+        return values, None
+    if not path.exists():
+        health.tell(INFO, f"state_file {path} is not there yet: ins_node/save writes it")
+        return values, None
+    try:
+        kept, pose = load(path)
+    except StateFileError as error:
+        health.tell(WARN, f"{error}: nothing of it is used; save again, or remove it")
+        return values, None
+    health.tell(INFO, f"state_file {path}: {', '.join(kept)} taken up, as saved {_date(pose)}")
+    return values | kept, pose
+
+
+def _date(pose: Pose) -> str:
+    return datetime.fromtimestamp(pose.stamp, UTC).isoformat(timespec="seconds")
 
 
 def load(path: str | Path) -> tuple[dict[str, Value], Pose]:

@@ -15,6 +15,7 @@ from ins_nav.messages import stamp_of
 from ins_nav.process import main as process
 from ins_nav.simulation.recording import write_bag
 from ins_nav.simulation.scenarios import simulate
+from ins_nav.state_file import load
 
 pytestmark = needs_ros
 
@@ -70,17 +71,18 @@ def _numbers(message: Any) -> tuple[float, ...]:
     return (p.x, p.y, p.z, q.x, q.y, q.z, q.w, *message.pose.covariance, *message.twist.covariance)
 
 
-def _start(ros: Ros, *names: str) -> tuple[Listener, list[Process]]:
+def _start(ros: Ros, *names: str, **more: object) -> tuple[Listener, list[Process]]:
     """Nodes, and a listener that hears them: discovery can take longer than a short bag."""
-    started = [_node(ros, name) for name in names]
+    started = [_node(ros, name, **more) for name in names]
     listener = ros.listen(OUTPUTS)
     heard = ("/ins_node: navigation", "/alignment_node: alignment")
     listener.wait_for(lambda: all(_status(listener, name) is not None for name in heard))
     return listener, started
 
 
-def _node(ros: Ros, name: str) -> Process:
-    settings = [part for text in PARAMETERS for part in ("-p", text)]
+def _node(ros: Ros, name: str, **more: object) -> Process:
+    given = (*PARAMETERS, *(f"{key}:={value}" for key, value in more.items()))
+    settings = [part for text in given for part in ("-p", text)]
     return ros.start(f"ins_nav.nodes.{name}", "--ros-args", *settings)
 
 
@@ -116,7 +118,7 @@ def _differences(listener: Listener, offline: dict[int, Any]) -> tuple[set[int],
 def test_live_equals_ins_process(nodes: tuple[str, ...], drive: Path, offline: dict[int, Any], tmp_path: Path) -> None:
     """Fixes come late and out of order, on a DDS that is not in step with the samples."""
     with Ros(tmp_path) as ros:
-        listener, started = _start(ros, *nodes)
+        listener, started = _start(ros, *nodes, state_file=tmp_path / "state.yaml")
         player = _play(ros, drive, 5.0)
         listener.wait_for_count("odometry", len(offline), 60.0)
         assert player.wait() == 0
@@ -127,6 +129,10 @@ def test_live_equals_ins_process(nodes: tuple[str, ...], drive: Path, offline: d
         listener.wait_for(done)  # its last diagnostics
         values = _values(listener, "/alignment_node: alignment")
         said = "".join(process.stdout + process.stderr for process in started)
+        success, text = listener.call("ins_node/save")
+        assert success and text.startswith("imu.gyro_bias_deg_per_hour, imu.accel_bias_mg and the pose written to ")
+        kept, pose = load(tmp_path / "state.yaml")
+        assert kept.keys() == {"imu.gyro_bias_deg_per_hour", "imu.accel_bias_mg"} and pose.position_stddev < 5.0
         # the service of one node is for both
         success, text = listener.call("ins_node/align")
         assert success and "alignment started" in text

@@ -5,8 +5,12 @@ from pathlib import Path
 
 import pytest
 
+from ins_nav.navigator import Navigator, Phase
 from ins_nav.parameters import Value, read_file
-from ins_nav.state_file import Pose, StateFileError, load, log_calibration, save
+from ins_nav.process import main as process
+from ins_nav.simulation.recording import write_bag
+from ins_nav.simulation.scenarios import Simulation, simulate
+from ins_nav.state_file import Pose, StateFileError, load, log_calibration, read_calibration, save
 
 POSE = Pose(55.7, 37.6, 150.5, 123.4, 2.5, 1_700_000_000.25)
 BIASES: dict[str, Value] = {"imu.gyro_bias_deg_per_hour": [0.1, -0.2, 0.3], "imu.accel_bias_mg": [0.01, 0.02, -0.03]}
@@ -67,3 +71,81 @@ def test_damaged(tmp_path: Path, old: str, new: str, text: str) -> None:
 def test_absent(tmp_path: Path) -> None:
     with pytest.raises(StateFileError, match="No such file"):
         load(tmp_path / "state.yaml")
+
+
+def test_calibration_in_a_message() -> None:
+    log = log_calibration([(0.01, 1e-4), (0.002, 1e-3), (-0.003, 2e-3)])
+    assert read_calibration(list(log), list(log.values())) == log  # type: ignore[arg-type]
+    assert read_calibration(list(log)[:-1], [0.0] * 4) is None
+    assert read_calibration(list(log), [7.0] * 5) is None  # out of range
+    assert log_calibration([]) == {}
+
+
+def _stands() -> Simulation:
+    return simulate("static", 1, rate=50.0, duration=4.0, **{"imu.preset": "perfect"})
+
+
+def _fed(simulation: Simulation, **parameters: object) -> Navigator:
+    settings = {"initial.heading_deg": 0.0, "alignment.level_duration": 2.0}
+    navigator = Navigator(settings | {name.replace("__", "."): value for name, value in parameters.items()})
+    for stamp_ns, rate, force in zip(
+        simulation.stamps_ns.tolist(),
+        simulation.angular_velocity.tolist(),
+        simulation.linear_acceleration.tolist(),
+        strict=True,
+    ):
+        navigator.add_imu(stamp_ns, *rate, *force)
+    return navigator
+
+
+def test_a_start_takes_up_what_was_saved(tmp_path: Path) -> None:
+    path, simulation = tmp_path / "state.yaml", _stands()
+    place = {f"initial__{name}": simulation.parameters[key] for name, key in (("height", "height"),)}
+    place |= {"initial__latitude_deg": simulation.parameters["lat_deg"]}
+    place |= {"initial__longitude_deg": simulation.parameters["lon_deg"]}
+    first = _fed(simulation, state_file=str(path), **place)
+    assert next(report.text for report in first.health.drain()) == (
+        f"state_file {path} is not there yet: ins_node/save writes it"
+    )
+    first.gyro_bias = (1e-6, 0.0, 0.0)
+    first.log_calibration = log_calibration([(0.01, 1e-4), (0.0, 1e-3), (0.0, 1e-3)])
+    done, text = first.save()
+    assert done and text == (
+        "imu.gyro_bias_deg_per_hour, imu.accel_bias_mg, log.scale, log.scale_stddev, log.pitch_deg, log.yaw_deg, "
+        f"log.misalignment_stddev_deg and the pose written to {path}"
+    )
+    second = _fed(simulation, state_file=str(path))
+    assert second.gyro_bias[0] == pytest.approx(1e-6) and second.parameters["log.scale"] == 0.01
+    # nobody said where it is: where it was
+    assert second.phase is Phase.NAVIGATING and second.covariance is not None
+    assert 10.0 <= math.sqrt(second.covariance[0, 0]) < 10.5
+    said = [report.text for report in second.health.drain()]
+    assert said[0].startswith(f"state_file {path}: imu.gyro_bias_deg_per_hour, ") and "as saved 2023-" in said[0]
+    assert "no gnss/fix by the end of alignment: taken to be where state_file was saved" in said
+
+
+def test_a_damaged_file_is_told_and_left_alone(tmp_path: Path) -> None:
+    path = tmp_path / "state.yaml"
+    path.write_text("/**: nothing")
+    navigator = _fed(_stands(), state_file=str(path))
+    assert navigator.gyro_bias == (0.0, 0.0, 0.0) and navigator.phase is Phase.COARSE
+    said = navigator.health.drain()[0].text
+    assert said.startswith(f"state_file {path}: ") and said.endswith("nothing of it is used; save again, or remove it")
+
+
+def test_nothing_to_save(tmp_path: Path) -> None:
+    assert Navigator().save() == (False, "no state_file: start the node with a name for it")
+    waiting = Navigator({"state_file": str(tmp_path / "state.yaml")})
+    assert waiting.save() == (False, "no navigation solution yet: waiting; call again when navigating")
+
+
+def test_ins_process_saves(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write_bag(_stands(), tmp_path / "bag")
+    arguments = [str(tmp_path / "bag"), "-o", str(tmp_path / "out"), "--param", "alignment.duration:=5", "--save"]
+    short = ["--param", "initial.heading_deg:=0", "--param", "alignment.level_duration:=2"]
+    assert process([*arguments, *short]) == 1
+    assert "ins_process: --save: no state_file: start the node with a name for it" in capsys.readouterr().err
+    path = tmp_path / "state.yaml"
+    assert process([*arguments, *short, "--overwrite", "--param", f"state_file:={path}"]) == 0
+    kept, pose = load(path)
+    assert set(kept) == {"imu.gyro_bias_deg_per_hour", "imu.accel_bias_mg"} and pose.latitude_deg > 0.0

@@ -39,6 +39,7 @@ class AlignmentNode(Node):
         self._reporter = Reporter(self, "alignment")
         reliable = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=100, reliability=ReliabilityPolicy.RELIABLE)
         self._out = self.create_publisher(Float64MultiArray, "ins/feedback", reliable)
+        self._calibration = self.create_publisher(Float64MultiArray, "ins/calibration", reliable)
         self._feedback = feedback_message()
         self._subscribe(Imu, "imu/data_raw", self._on_imu, _IMU_DEPTH)
         beacons = beacon_names(self._navigator.parameters["range.beacons"])
@@ -79,6 +80,11 @@ class AlignmentNode(Node):
     def _on_timer(self) -> None:
         self._reporter.log(self._navigator.health)
         silent_for = self._reporter.silent_for(self._navigator.stream.received)
+        found = self._navigator.found_calibration
+        if found:
+            message = Float64MultiArray(data=list(found.values()))
+            message.layout.dim = [MultiArrayDimension(label=name, size=1, stride=1) for name in found]
+            self._calibration.publish(message)
         self._reporter.publish(*messages.alignment_diagnostics(self._navigator, silent_for))
 
 

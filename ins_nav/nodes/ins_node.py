@@ -24,6 +24,7 @@ from ins_nav.navigator import Navigator
 from ins_nav.nodes import parameters, runtime
 from ins_nav.nodes.alignment_node import feedback_message
 from ins_nav.nodes.reporting import Reporter
+from ins_nav.state_file import read_calibration
 
 _IMU_DEPTH = 10_000
 """5 s at 2000 Hz: the node is busy for up to a second when it solves the alignment or a stop."""
@@ -68,9 +69,11 @@ class InsNode(Node):
         self._called = self.create_publisher(Header, "ins/called", inside)
         self._solution_message = feedback_message()
         self.create_subscription(Float64MultiArray, "ins/feedback", self._on_feedback, inside)
+        self.create_subscription(Float64MultiArray, "ins/calibration", self._on_calibration, inside)
         self.create_service(Trigger, "~/align", self._on_align)
         self.create_service(Trigger, "~/zupt1", self._on_zupt1)
         self.create_service(Trigger, "~/zupt2", self._on_zupt2)
+        self.create_service(Trigger, "~/save", self._on_save)
         self.create_timer(1.0, self._on_timer)
         self._publish_bias()
         self.get_logger().info("waiting for imu/data_raw")
@@ -147,6 +150,16 @@ class InsNode(Node):
 
     def _on_zupt2(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         return self._answer("zupt2", response, *self._navigator.zupt2())
+
+    def _on_save(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.success, response.message = self._navigator.save()
+        self._log()
+        return response
+
+    def _on_calibration(self, message: Float64MultiArray) -> None:
+        found = read_calibration([dim.label for dim in message.layout.dim], message.data)
+        if found is not None:
+            self._navigator.log_calibration = found
 
     def _answer(self, service: str, response: Trigger.Response, success: bool, text: str) -> Trigger.Response:
         response.success, response.message = success, text
