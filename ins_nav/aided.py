@@ -37,8 +37,9 @@ from ins_nav.parameters import Value
 from ins_nav.start_place import Place, is_place
 from ins_nav.state_file import log_calibration
 from ins_nav.stop_detection import Change
+from ins_nav.stop_records import Triple
 from ins_nav.stop_updates import StopUpdates
-from ins_nav.stops import SETTLE_NS, Triple
+from ins_nav.stops import SETTLE_NS
 
 Array = NDArray[np.float64]
 

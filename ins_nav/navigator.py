@@ -22,7 +22,8 @@ from ins_nav.imu_stream import ImuStream
 from ins_nav.parameters import Value, checked_values
 from ins_nav.start_place import Place, StartPlace
 from ins_nav.stop_detection import Change
-from ins_nav.stops import MILLI_G, Correction, Stops
+from ins_nav.stop_records import Correction
+from ins_nav.stops import MILLI_G, Stops
 from ins_nav.zupt import Calibration, ZuptError
 
 _DEG_PER_HOUR = math.radians(1.0) / 3600.0

@@ -21,7 +21,8 @@ from ins_nav.measurements import RestRate, ZeroVelocity
 from ins_nav.parameters import Value
 from ins_nav.rest import Rest
 from ins_nav.stop_detection import Change
-from ins_nav.stops import DOUBT_SIGMAS, DOUBT_SPEED, MILLI_G, SETTLE_NS, Triple, without
+from ins_nav.stop_records import Triple, without
+from ins_nav.stops import DOUBT_SIGMAS, DOUBT_SPEED, MILLI_G, SETTLE_NS
 from ins_nav.strapdown import Sample, State, heading_change
 from ins_nav.zupt import ZuptError
 

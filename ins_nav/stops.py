@@ -17,8 +17,7 @@ References
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from typing import NamedTuple
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,11 +33,11 @@ from ins_nav.history import History
 from ins_nav.parameters import Value
 from ins_nav.rest import MIN_DURATION, Rest, RestResult
 from ins_nav.stop_detection import Change, StopDetector, StopLimits
+from ins_nav.stop_records import Correction, Stop, Triple, grown_position, row, without
 from ins_nav.strapdown import Sample, State
 from ins_nav.zupt import Calibration, InconsistentError, Prior, ZuptError, rebased, zupt1, zupt2_update
 
 Array = NDArray[np.float64]
-Triple = tuple[float, float, float]
 
 SETTLE_NS = 2_200_000_000
 """ns: a start is seldom noticed later (`ins_nav.stop_detection`). Not a whole number of seconds: a measurement is of
@@ -59,11 +58,6 @@ _LONGEST_REST = 1800.0
 stays what it is for so long."""
 _SAME_STOP = 1.0
 """s by which a stop may seem to have begun after coarse alignment did, and be the same."""
-_SCHULER_RATE = 1.24e-3
-"""rad/s."""
-_QUARTER = 0.5 * math.pi / _SCHULER_RATE
-"""s: a quarter of Schuler's period."""
-_GRAVITY = 9.81
 _EXACT = 1e-20
 """rad²: smallest variance of an azimuth; an exact one would make matrices singular."""
 _REGULAR = 1e-9
@@ -73,63 +67,6 @@ _EXACT_DRIFT = 1e-24
 _DEG_PER_HOUR = math.radians(1.0) / 3600.0
 MILLI_G = 9.80665e-3
 """m/s²."""
-
-
-class Correction(NamedTuple):
-    """A state to go on from.
-
-    Attributes
-    ----------
-    stamp_ns : int
-        Of an entry of the history.
-    state : State
-    gyro_bias : 3 floats
-        From there on, rad/s.
-    held : Held or None
-        Velocity, where it was taken out.
-    calibrated : bool
-        Drifts, azimuth and level are those of `Stops.covariance` and `Stops.level_variance`.
-    """
-
-    stamp_ns: int
-    state: State
-    gyro_bias: Triple
-    held: Held | None = None
-    calibrated: bool = False
-
-
-@dataclass
-class _Stop:
-    """A stop: the present one, or the first position of ZUPT-1.
-
-    Attributes
-    ----------
-    began_ns : int
-        Its first sample's stamp, on settled data.
-    rest : Rest
-    bias : 3 floats
-        Of the gyros, taken out of the samples given to ``rest``.
-    turned, removed : ndarray of shape (3,), float
-        Those of `Stops` when it began.
-    prior : ndarray, shape (4, 4)
-        Covariance of drifts and azimuth when the azimuth was last known.
-    before : ndarray, shape (3,)
-        Turn of S from then to its beginning, per unit of drift, s.
-    information : ndarray, shape (4, 4)
-        On drifts and the azimuth at its beginning.
-    until : float
-        Length that is certainly rest, s; infinite while it lasts.
-    """
-
-    began_ns: int
-    rest: Rest
-    bias: Triple
-    turned: Array
-    removed: float
-    prior: Array
-    before: Array
-    information: Array
-    until: float = math.inf
 
 
 class Stops:
@@ -189,8 +126,8 @@ class Stops:
 
     def forget(self) -> None:
         """Navigation has ended; the detector goes on."""
-        self._stop: _Stop | None = None
-        self._first: _Stop | None = None
+        self._stop: Stop | None = None
+        self._first: Stop | None = None
         self._settled_ns = 0
         self._turned = np.zeros(3)
         self._removed = 0.0
@@ -223,7 +160,7 @@ class Stops:
         information = np.zeros((4, 4))
         information[:3, :3] = np.linalg.inv(drift)
         if heading_variance is None:  # what was found has absorbed the east drift
-            east = np.array(_row(state, 0))
+            east = np.array(row(state, 0))
             self.covariance[:3, 3] = self.covariance[3, :3] = drift @ east / k
             absorbed = float(east @ drift @ east) / k**2
             self.covariance[3, 3] = absorbed * (1.0 + _REGULAR) + alignment.heading_noise**2 + _EXACT
@@ -235,7 +172,7 @@ class Stops:
         self._stop = stop = self._new(stamp_ns, Rest(state), gyro_bias)
         if self.detector.since_ns <= stamp_ns - (cone.time - _SAME_STOP) * 1e9:  # alignment's data is of this stop
             stop.rest, stop.information = Rest(state, cone), information
-            turn = cone.time * np.array(_row(state, 2))
+            turn = cone.time * np.array(row(state, 2))
             stop.turned = stop.turned - turn
             stop.removed -= float(turn @ gyro_bias)
             # a heading found is that of the middle, one given that of the end
@@ -313,14 +250,14 @@ class Stops:
         stop, _ = self._measured()
         return f"at rest for {stop.rest.duration:.0f} s, left to alignment_node's filter"
 
-    def _new(self, stamp_ns: int, rest: Rest, bias: Triple) -> _Stop:
+    def _new(self, stamp_ns: int, rest: Rest, bias: Triple) -> Stop:
         """A stop that begins now, on settled data."""
         prior = self._prior(stamp_ns)
         before = self._turned - self._known_turned
         from_start = np.eye(4)
         from_start[3, :3] = -before
         information: Array = np.asarray(from_start.T @ np.linalg.inv(prior) @ from_start, float)
-        return _Stop(stamp_ns, rest, bias, self._turned.copy(), self._removed, prior, before, information)
+        return Stop(stamp_ns, rest, bias, self._turned.copy(), self._removed, prior, before, information)
 
     def _prior(self, stamp_ns: int) -> Array:
         """What is known of drifts and azimuth, grown older."""
@@ -337,7 +274,7 @@ class Stops:
         x = y = z = 0.0
         for entry in entries:
             h = entry.raw[0]
-            ux, uy, uz = _row(entry.state, 2)
+            ux, uy, uz = row(entry.state, 2)
             x, y, z = x + h * ux, y + h * uy, z + h * uz
             if stop is not None and previous is not None:
                 sample = without(entry.raw, stop.bias, self.accel_bias)
@@ -378,7 +315,10 @@ class Stops:
         vx, vy, vz = (sum(entry.state[i] for entry in entries) / len(entries) for i in (4, 5, 6))
         time = (self._settled_ns - since_ns) * 1e-9
         if first:
-            grown, stddev = self._grown((since_ns - self._held_ns) * 1e-9)
+            drift_variance = float(np.trace(self.covariance[:3, :3])) / 3.0
+            grown, stddev = grown_position(
+                (since_ns - self._held_ns) * 1e-9, self._accel_stddev, drift_variance, self._gyro_variance
+            )
             time += grown
             self.velocity_error = math.hypot(vx, vy)
             if self.velocity_error > DOUBT_SPEED + DOUBT_SIGMAS * stddev:
@@ -392,26 +332,6 @@ class Stops:
         back = (-vx * time, -vy * time, -vz * time)
         state = strapdown.corrected(entries[-1].state, back, (-vx, -vy, -vz))
         return Correction(self._settled_ns, state, bias, Held((vx, vy, vz), time, first))
-
-    def _grown(self, time: float) -> tuple[float, float]:
-        """Error of position, m, for each m/s of velocity that became wrong in a time, s, and that velocity's sigma.
-
-        The regression of one on the other, over a tilt (or an accelerometer's bias) and a drift, each with its
-        sigma: between a half and a third of the time. After a quarter of Schuler's period velocity tells little of
-        position: nothing is corrected then.
-        """
-        if time <= 0.0:
-            return 0.0, 0.0
-        short = min(time, _QUARTER)
-        angle = _SCHULER_RATE * short
-        sine, cosine = math.sin(angle) / _SCHULER_RATE, (1.0 - math.cos(angle)) / _SCHULER_RATE**2
-        way = (short - sine) / _SCHULER_RATE**2
-        tilt = (self._accel_stddev + 1e-6) ** 2
-        turn = _GRAVITY**2 * (np.trace(self.covariance[:3, :3]) / 3.0 + self._gyro_variance / short)
-        variance = tilt * sine**2 + turn * cosine**2
-        grown = (tilt * sine * cosine + turn * cosine * way) / variance
-        stddev = math.sqrt(variance * time / short)
-        return (min(grown, 0.5 * time) if time <= _QUARTER else 0.0), stddev
 
     # --- the services
 
@@ -485,7 +405,7 @@ class Stops:
             text += f"; more than imu.gyro_bias_{name} allows: set it to what the gyros have"
         return text, self._apply(found, stop, result, history)
 
-    def _measured(self) -> tuple[_Stop, RestResult]:
+    def _measured(self) -> tuple[Stop, RestResult]:
         """The present stop and what it shows.
 
         Raises
@@ -524,7 +444,7 @@ class Stops:
             "stand, raise imu.gyro_bias_stddev_deg_per_hour and imu.accel_bias_stddev_mg to what the IMU has"
         )
 
-    def _apply(self, found: Calibration, stop: _Stop, result: RestResult, history: History) -> Correction:
+    def _apply(self, found: Calibration, stop: Stop, result: RestResult, history: History) -> Correction:
         """The state at the settled time, level, with the azimuth corrected; what is known from now on."""
         entry = history.at(self._settled_ns)
         where = strapdown.geodetic(entry.state)
@@ -550,19 +470,5 @@ class Stops:
         self.calibrations += 1
         return Correction(entry.stamp_ns, state, bias, held, True)
 
-    def _sentence(self, found: Calibration, stop: _Stop, with_azimuth: bool) -> str:
+    def _sentence(self, found: Calibration, stop: Stop, with_azimuth: bool) -> str:
         return replace(found, drift=np.asarray(stop.bias) + found.drift).sentence(with_azimuth)
-
-
-def _row(state: State, i: int) -> Triple:
-    """East (0; on n the first axis) or up (2) on the body's axes."""
-    x, y, z, w = state[0:4]
-    if i == 2:
-        return 2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)
-    return 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)
-
-
-def without(sample: Sample, gyro: Triple, accel: Triple) -> Sample:
-    """A sample less biases."""
-    h, wx, wy, wz, fx, fy, fz = sample
-    return h, wx - gyro[0], wy - gyro[1], wz - gyro[2], fx - accel[0], fy - accel[1], fz - accel[2]

@@ -21,6 +21,7 @@ from ins_nav.navigator import Navigator, Phase
 from ins_nav.simulation import scenarios
 from ins_nav.simulation.motion import Motion, Route, sinusoid
 from ins_nav.simulation.scenarios import Simulation, simulate
+from ins_nav.stop_records import grown_position
 
 Array = np.ndarray
 
@@ -608,8 +609,8 @@ def test_any_order_of_calls_and_events(steps: list[tuple[str, int]], stddev: flo
 def test_position_follows_velocity_by_half_of_the_time_at_most() -> None:
     """Near Schuler's period velocity is zero whatever the error was: what has grown out of it cannot be known."""
     for drift in (0.01, 1.0, 30.0):
-        stops = Fed(paper(), KNOWN | {"imu.gyro_bias_stddev_deg_per_hour": drift}).to(50.0).navigator.stops
-        found = [stops._grown(float(time)) for time in range(0, 18001, 20)]
+        variance = (drift * DEG_PER_HOUR) ** 2
+        found = [grown_position(float(time), 5e-4, variance, 1e-12) for time in range(0, 18001, 20)]
         assert all(0.0 <= grown <= 0.5 * time for time, (grown, _) in zip(range(0, 18001, 20), found, strict=True))
         sigmas = [stddev for _, stddev in found]
         assert sigmas == sorted(sigmas)  # known ever less
