@@ -44,6 +44,15 @@ PATIENCE = 60.0
 AGREEING = 8
 """Rejected measurements in a row that must agree with each other then."""
 
+_GROWN = 5.0
+"""So many times its sigma of before, what an aid measures is not known any more: patience has an end then, too."""
+_SEEN = 15, 41
+"""Measurements of an aid, at least and at most, by which its noise is judged."""
+_FAR = 4.0
+"""A test ratio above it is an outlier or a jump, not noise: twice as far as the gate is wide."""
+_EXCESS = 4.0
+"""Sigmas of a median: by less than that an aid's noise may exceed what it says by chance."""
+
 _SMALL = math.radians(3.0)
 """A heading error of this size is an angle: the square, which the linear model leaves out, is 0.0014."""
 _TRAVEL = 25.0
@@ -100,13 +109,23 @@ class Update:
     accepted: bool
     reason: str
     """Why it was rejected, or accepted although above the gate; empty otherwise."""
+    noise_factor: float = 1.0
+    """By which the variance of its noise was taken larger than it says."""
 
 
 class _Track(NamedTuple):
-    """History of an aid: stamp of the last measurement accepted, and those rejected since (the last few)."""
+    """History of an aid."""
 
     accepted_ns: int | None
+    """Stamp of the last measurement accepted."""
     rejected: tuple[tuple[int, Array], ...]
+    """The last few rejected since."""
+    variance: float = math.inf
+    """Predicted, of what it measures (its trace), when one was last accepted."""
+    drifts: bool = False
+    """They began with one just outside the gate: no jump, but a filter that has lost its way."""
+    squares: tuple[float, ...] = ()
+    """Normalized squares of the last innovations a degree of freedom, over the median that they should have."""
 
 
 class ErrorFilter:
@@ -252,7 +271,11 @@ class ErrorFilter:
         what the aid measures (and of its rate of change, when that differs too) grows until the measurement fits.
         Correlations stay as they were, so that a jump of position moves the position and nothing else. Reflected
         satellite signals, too, agree with each other for half a minute: that is why patience is longer. After an
-        outage it is spent already.
+        outage it is spent already. It is so, too, once what the aid measures has become far less certain, where the
+        row of rejected ones began just outside the gate: it is the filter then that has left.
+
+        An aid that thinks too well of itself is told by the median of its normalized squares: its variance is taken
+        larger by that. Outliers, being few, do not move the median.
 
         Parameters
         ----------
@@ -273,6 +296,8 @@ class ErrorFilter:
         if not (np.isfinite(innovation).all() and np.isfinite(r).all() and np.isfinite(h_core).all()):
             nothing = (math.nan,) * len(innovation)
             return Update(aid, stamp_ns, tuple(innovation.tolist()), nothing, math.nan, False, "not a number")
+        track = self._tracks.get(aid, _Track(None, ()))
+        factor = _excess(track.squares, len(innovation))
         size = len(self.x)
         h = h_core
         if size > SIZE:
@@ -282,25 +307,33 @@ class ErrorFilter:
                 h[:, self._own[aid]] = h_own
         residual = innovation - h @ self.x
         ph = self.p @ h.T
-        s = h @ ph + r
+        predicted = h @ ph
+        normal = float(residual @ np.linalg.solve(predicted + r, residual)) / _median(len(residual))
+        r = factor * r
+        s = predicted + r
         inverse = np.linalg.inv(s)
         square = float(residual @ inverse @ residual)
         sigma = tuple(math.sqrt(v) for v in s.diagonal().tolist())
         ratio = square / _limit(len(residual), gate)
-        track = self._tracks.get(aid, _Track(None, ()))
+        if ratio < _FAR:
+            track = track._replace(squares=(*track.squares, normal)[-_SEEN[1] :])
         reason = ""
         if not ratio <= 1.0:  # above, or too large to be a number
             rejected = (*track.rejected, (stamp_ns, residual))[-AGREEING:]
-            alone = patience > 0.0 and self._stands_alone(track.accepted_ns, rejected, r, patience)
+            if not track.rejected:
+                track = track._replace(drifts=ratio < _FAR)
+            unsure = track.drifts and float(predicted.trace()) > _GROWN**2 * track.variance
+            alone = patience > 0.0 and self._stands_alone(track.accepted_ns, rejected, r, 0.0 if unsure else patience)
             if not alone or not self._widen(rejected, h_core, r, direct):
-                self._tracks = self._tracks | {aid: _Track(track.accepted_ns, rejected)}
-                return Update(aid, stamp_ns, tuple(residual.tolist()), sigma, ratio, False, "outside the gate")
+                self._tracks = self._tracks | {aid: track._replace(rejected=rejected)}
+                return Update(aid, stamp_ns, tuple(residual.tolist()), sigma, ratio, False, "outside the gate", factor)
             reason = f"after {len(rejected)} rejected that agree"
             ph = self.p @ h.T
             inverse = np.linalg.inv(h @ ph + r)
-        self._tracks = self._tracks | {aid: _Track(stamp_ns, ())}
         self._take(ph @ inverse, h, r, residual)
-        return Update(aid, stamp_ns, tuple(residual.tolist()), sigma, ratio, True, reason)
+        left = float((h @ self.p @ h.T).trace())
+        self._tracks = self._tracks | {aid: _Track(stamp_ns, (), left, False, track.squares)}
+        return Update(aid, stamp_ns, tuple(residual.tolist()), sigma, ratio, True, reason, factor)
 
     def _take(self, gain: Array, h: Array, r: Array, residual: Array) -> None:
         """Joseph's form."""
@@ -419,6 +452,26 @@ def _unit(x: Array) -> tuple[float, float, float]:
 def _limit(size: int, probability: float) -> float:
     """Chi-square that is exceeded with the probability."""
     return float(chi2.isf(probability, size))
+
+
+@functools.cache
+def _median(size: int) -> float:
+    """Of chi-square."""
+    return float(chi2.median(size))
+
+
+@functools.cache
+def _median_stddev(size: int, count: int) -> float:
+    """Of the median of so many chi-squares over what it should be, by the density there."""
+    return float(1.0 / (2.0 * chi2.pdf(_median(size), size) * _median(size) * math.sqrt(count)))
+
+
+def _excess(squares: tuple[float, ...], size: int) -> float:
+    """By how much an aid's variance is larger than it says; 1 where that may be chance."""
+    if len(squares) < _SEEN[0]:
+        return 1.0
+    ratio = sorted(squares)[len(squares) // 2]
+    return ratio if ratio > 1.0 + _EXCESS * _median_stddev(size, len(squares)) else 1.0
 
 
 def _line(points: tuple[tuple[int, Array], ...]) -> tuple[Array, float, Array]:

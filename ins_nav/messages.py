@@ -364,6 +364,8 @@ def alignment_diagnostics(navigator: AidedNavigator, silent_for: float = 0.0) ->
         if record.last is not None:
             values[f"{name}: innovation"] = _with_sigma(record.last.innovation, record.last.sigma, 1.0, 3)
             values[f"{name}: test ratio"] = f"{record.last.test_ratio:.2f}"
+            if record.last.noise_factor > 1.0:
+                values[f"{name}: sigma taken larger"] = f"{math.sqrt(record.last.noise_factor):.1f} times"
             if record.accepted:
                 age = (navigator.settled_ns - record.accepted_ns) / _NS
                 values[f"{name}: last accepted"] = f"{age:.1f} s ago"

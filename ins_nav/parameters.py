@@ -236,9 +236,9 @@ PARAMETERS = (
     ),
     Parameter(
         "aiding.max_delay",
-        2.0,
+        2.2,
         "messages of aids that come later than this after their stamp are left out, s",
-        0.1,
+        2.2,
         8.0,
     ),
     Parameter("aiding.until_aligned", False, "use aids for fine alignment only, then navigate free inertial"),

@@ -362,6 +362,36 @@ def test_gate_rejects_with_its_probability(gate: float) -> None:
     assert rejected / count == pytest.approx(gate, abs=4.0 * math.sqrt(gate / count))
 
 
+def test_noise_that_is_larger_than_it_says() -> None:
+    """Fixes with three times their sigma: believed that, and none is lost for long; outliers do not count as noise."""
+    run, rng = Run(bench(), standing(), 3), np.random.default_rng(1)
+    factors, accepted = [], 0
+    for second in range(1, 201):
+        run.advance(second)
+        update = run.gnss(second, offset=tuple(rng.normal(0.0, 2.8, 2) + (100.0 if second % 5 == 0 else 0.0)))
+        factors.append(update.noise_factor)
+        accepted += update.accepted
+    assert 140 <= accepted <= 160  # four fifths of 200
+    # nine times the variance; the median of 41 is known to a third, and the filter's own part is in it
+    assert 4.0 < float(np.median(factors[50:])) < 14.0
+    run = Run(bench(), standing(), 3)
+    for second in range(1, 201):
+        run.advance(second)
+        assert run.gnss(second).noise_factor == 1.0
+
+
+def test_a_filter_that_leaves_is_brought_back() -> None:
+    """A solution that runs off faster than its sigma says: long before patience ends."""
+    run = Run(bench(), standing(), 3)
+    accepted = []
+    for second in range(1, 121):
+        run.advance(second)
+        off = 0.3 * max(0, second - 60) ** 1.5
+        accepted.append(run.gnss(second, offset=(off, 0.0)).accepted)
+    out = accepted.index(False)
+    assert 60 <= out < 90 and True in accepted[out : out + 45]
+
+
 @pytest.mark.parametrize("gamma", [0.3, 3.0])
 def test_feedback_takes_the_covariance_along(gamma: float) -> None:
     """Draws of the true errors around an estimate; fed back, they spread as the covariance then says."""

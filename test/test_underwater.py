@@ -1,0 +1,333 @@
+"""A whole mission under water, shortened: faults, calibration of the log, surfacing, the ways ranges come."""
+
+import functools
+import math
+import random
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ins_nav import earth, strapdown
+from ins_nav.aided import AidedNavigator
+from ins_nav.feedback import Feedback
+from ins_nav.navigator import Navigator, Phase
+from ins_nav.parameters import read_file
+from ins_nav.simulation.scenarios import Simulation, simulate
+
+NS = 10**9
+CONFIG = Path(__file__).resolve().parents[1] / "config" / "auv.yaml"
+# the noises of the IMU are densities: its rate does not matter to what is looked at here
+MOTION: dict[str, Any] = {
+    "rate": 20.0,
+    "alignment_time": 120.0,
+    "turn_start": 70.0,
+    "surface_leg": 60.0,
+    "depth": 15.0,
+    "leg_length": 100.0,
+    "dive_time": 400.0,
+    "surface_time": 40.0,
+    "log.rate": 2.0,
+    "depth.rate": 2.0,
+    "range.delay_speed": 1500.0,
+}
+PARAMETERS: dict[str, Any] = {"alignment.fine_duration": 120.0, "range.two_way": True}
+DIVE, SURFACED = 180.0, 580.0
+"""s, when it begins and ends."""
+Event = tuple[int, str, tuple[Any, ...]]
+"""Stamp of arrival, kind, arguments."""
+
+
+@functools.cache
+def _path(*changes: tuple[str, Any]) -> Simulation:
+    return simulate("auv_dive", 0, **{**MOTION, **dict(changes)})
+
+
+def _events(s: Simulation, without: Sequence[str] = ()) -> list[Event]:
+    """All messages, in order."""
+    aids = s.aids
+    events: list[Event] = []
+
+    def add(kind: str, stamps: np.ndarray, values: Sequence[tuple[Any, ...]]) -> None:
+        if kind not in without:
+            events.extend((stamp, kind, (stamp, *value)) for stamp, value in zip(stamps.tolist(), values, strict=True))
+
+    imu = np.column_stack([s.angular_velocity, s.linear_acceleration])
+    add("imu", s.stamps_ns, list(map(tuple, imu.tolist())))
+    fixes = [("fix", (), aids.fixes), *(("beacon", (name,), fix) for name, fix in aids.beacon_fixes.items())]
+    for kind, name, fix in fixes:
+        covariance = tuple(np.diag(np.square(fix.stddev)).ravel().tolist())
+        places = np.column_stack([np.degrees(fix.lat), np.degrees(fix.lon), fix.height]).tolist()
+        add(kind, fix.stamps_ns, [(*name, 0, *place, covariance) for place in places])
+    noise = [tuple((stddev**2 * np.eye(3)).ravel().tolist()) for stddev in aids.log.stddev.tolist()]
+    add("log", aids.log.stamps_ns, list(zip(map(tuple, aids.log.velocity.tolist()), noise, strict=True)))
+    add("depth", aids.depth.stamps_ns, [(depth, aids.depth.stddev**2) for depth in aids.depth.value.tolist()])
+    for name_, ranges in aids.ranges.items():
+        add("range", ranges.stamps_ns, [(name_, x, ranges.stddev**2) for x in ranges.distance.tolist()])
+    return sorted(events, key=lambda event: event[0])
+
+
+@dataclass
+class Fed:
+    """A navigator with the filter, fed in order of arrival, and its errors every second."""
+
+    simulation: Simulation
+    parameters: dict[str, Any] = field(default_factory=dict)
+    follow: bool = False
+    rows: list[list[float]] = field(default_factory=list)
+    feedback: list[Feedback] = field(default_factory=list)
+    said: list[str] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        parameters = read_file(CONFIG, "ins_node") | PARAMETERS | self.parameters
+        self.aided, self.ins = AidedNavigator(parameters), Navigator(parameters)
+
+    def feed(self, events: list[Event]) -> "Fed":
+        aided, ins = self.aided, self.ins
+        feeds: dict[str, Callable[..., None]] = {
+            "imu": aided.add_imu,
+            "fix": aided.add_fix,
+            "log": aided.add_log,
+            "depth": aided.add_depth,
+            "pressure": aided.add_pressure,
+            "range": aided.add_range,
+            "beacon": aided.add_beacon_fix,
+        }
+        due_ns = 0
+        for _, kind, arguments in events:
+            feeds[kind](*arguments)
+            new = aided.drain()
+            self.feedback += new
+            if self.follow:
+                for feedback in new:
+                    ins.follow(feedback)
+                if kind == "imu":
+                    ins.add_imu(*arguments)
+                elif kind == "fix":
+                    ins.add_fix(*arguments)
+            if aided.filter is not None and aided.settled_ns >= due_ns:
+                due_ns = aided.settled_ns + NS
+                self.rows.append(self._row())
+        self.said += [report.text for report in aided.health.drain()]
+        return self
+
+    def _row(self) -> list[float]:
+        """Time, s, errors east, north, up, sigma of the horizontal distance and of height, m."""
+        assert self.aided.filter is not None
+        error = off(self.aided, self.aided.settled_ns, self.simulation)
+        p = self.aided.filter.p
+        time = (self.aided.settled_ns - self.simulation.start_ns) / NS
+        return [time, *error, math.sqrt(p[0, 0] + p[1, 1]), math.sqrt(p[2, 2])]
+
+    @property
+    def counts(self) -> dict[str, int]:
+        return self.aided.health.counts
+
+    def since(self, time: float) -> np.ndarray:
+        """Rows from a time on, s."""
+        rows = np.array(self.rows)
+        return rows[rows[:, 0] >= time]
+
+
+def off(navigator: Navigator, stamp_ns: int, s: Simulation) -> tuple[float, float, float]:
+    """Error of its position, which is of that stamp: east, north, up, m."""
+    assert navigator.state is not None
+    path, i = s.trajectory, int(np.searchsorted(s.stamps_ns, stamp_ns)) + 1
+    away = np.subtract(strapdown.position_ecef(navigator.state), path.position_e[i])
+    east, north, up = (earth.enu_axes(path.lat[i], path.lon[i]).T @ away).tolist()
+    return east, north, up
+
+
+def _run(s: Simulation, without: Sequence[str] = (), **parameters: Any) -> Fed:
+    return Fed(s, {name.replace("__", "."): value for name, value in parameters.items()}).feed(_events(s, without))
+
+
+def _greatest(rows: np.ndarray) -> tuple[float, float]:
+    """Greatest horizontal distance and error of height, over sigma."""
+    return float((np.hypot(rows[:, 1], rows[:, 2]) / rows[:, 4]).max()), float(np.abs(rows[:, 3] / rows[:, 5]).max())
+
+
+# The mission
+
+FAULTS = {
+    "range.outlier_share": 0.2,
+    "range.bias": 3.0,
+    "log.lost": "zeros",
+    "log.lost_start": 250.0,
+    "log.lost_duration": 100.0,
+    "depth.lie_start": 400.0,
+    "depth.lie_duration": 60.0,
+    "depth.lie_offset": 5.0,
+}
+
+
+def test_whole_dive_without_faults() -> None:
+    fed = _run(_path().redrawn(1))
+    assert fed.aided.phase is Phase.NAVIGATING
+    across, up = _greatest(fed.since(DIVE))
+    assert across < 3.0 and up < 3.0
+    # ranges of 0.5 m and 5 s apart: nothing is far off
+    assert np.hypot(*fed.since(DIVE)[:, 1:3].T).max() < 3.0
+    # the gate is 1e-4, and 0.01 for ranges
+    counts = {name: fed.counts.get(f"{name} rejected", 0) for name in ("log", "depth", "range/vessel")}
+    assert max(counts["log"], counts["depth"]) <= 1 and counts["range/vessel"] <= 5
+    assert "log unusable" not in fed.counts
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_whole_dive_with_all_faults_at_once(seed: int) -> None:
+    s = _path().redrawn(seed, **FAULTS)
+    fed = _run(s)
+    across, up = _greatest(fed.since(DIVE))
+    assert across < 3.0 and up < 3.0
+    wrong = int(s.aids.ranges["vessel"].outlier.sum())
+    # each by its name; an outlier of 10 m may pass while the place is less well known, a good range be rejected
+    assert 0.9 * wrong <= fed.counts["range/vessel rejected"] <= wrong + 3
+    assert fed.counts["log unusable"] == 200
+    assert fed.counts["depth rejected"] == 120
+    assert fed.aided.records["depth"].rejected == 120
+
+
+def test_bias_of_ranges_is_found() -> None:
+    fed = _run(_path().redrawn(1, **{"range.bias": 3.0}))
+    _, (bias, sigma) = fed.aided.own_states("range/vessel")
+    # of 1 m before
+    assert sigma < 0.5 and abs(bias - 3.0) < 3.0 * sigma
+
+
+def test_lying_gauge_is_told_while_it_lies() -> None:
+    s = _path().redrawn(1, **{name: value for name, value in FAULTS.items() if name.startswith("depth.")})
+    fed = Fed(s).feed([event for event in _events(s) if event[0] <= s.start_ns + 430 * NS])
+    recent = [report.text for report in fed.aided.health.recent(fed.aided.stamp_ns)]
+    assert any(text.startswith("depth: outside the gate: off by 5.") for text in recent)
+
+
+def test_zeros_of_a_lost_log_are_no_velocity() -> None:
+    """They do what NaN does, and that is nothing."""
+    zeros, nans = (_path().redrawn(1, **FAULTS | {"log.lost": how}) for how in ("zeros", "nan"))
+    a, b = _run(zeros), _run(nans)
+    np.testing.assert_array_equal(a.rows, b.rows)
+    assert a.counts == b.counts
+
+
+# The log
+
+
+def test_calibration_finds_what_was_given() -> None:
+    """A minute in the box with fixes to 10 cm, then 5 minutes more."""
+    surface = (("surface_leg", 360.0), ("duration", 480.0), ("gnss.horizontal_stddev", 0.1))
+    given = {"log.scale": 0.01, "log.scale_stddev": 0.0, "log.misalignment_stddev_deg": 0.0}
+    s = _path(*surface).redrawn(3, **given, **{"log.misalignment_deg": (1.0, -1.0)})
+    scale, pitch, yaw = _run(s, ("range", "beacon")).aided.own_states("log")
+    for (value, sigma), true, least in (
+        (scale, 0.01, 1e-3),
+        (pitch, math.radians(1.0), math.radians(0.1)),
+        (yaw, math.radians(-1.0), math.radians(0.1)),
+    ):
+        assert sigma < least and abs(value - true) < 3.0 * sigma
+
+
+def test_current_of_the_water_is_found() -> None:
+    s = _path().redrawn(2, **{"log.current": (0.3, -0.2)})
+    fed = _run(s, log__water_track=True)
+    own = fed.aided.own_states("log")
+    for (value, sigma), true in zip(own[3:], (0.3, -0.2), strict=True):
+        # the ranges, to a current that changes with an hour
+        assert sigma < 0.05 and abs(value - true) < 3.0 * sigma
+    across, _ = _greatest(fed.since(DIVE))
+    assert across < 3.0
+
+
+# Depth
+
+
+def test_pressure_is_as_good_as_depth() -> None:
+    s = _path().redrawn(1)
+    weight = 1025.0 * float(earth.normal_gravity(math.sin(s.trajectory.origin.lat), 0.0))
+    events: list[Event] = []
+    for stamp, kind, values in _events(s):
+        if kind == "depth":
+            kind, values = "pressure", (stamp, 101325.0 + weight * values[1], weight**2 * values[2])
+        events.append((stamp, kind, values))
+    depth, pressure = np.array(_run(s).rows), np.array(Fed(s).feed(events).rows)
+    # gravity grows by 2e-7 of itself a metre of depth, or 3e-6 m of 15 m
+    np.testing.assert_allclose(pressure, depth, rtol=0, atol=1e-4)
+
+
+# Surfacing
+
+JUMP = 50.0
+
+
+@pytest.mark.parametrize("jump", [0.0, JUMP])
+def test_surfacing(jump: float) -> None:
+    """Fixes come back, right or off by tens of metres: believed within 10, and the solution stays there."""
+    s = _path(("dive_time", 500.0)).redrawn(4)
+    stamps = s.aids.fixes.stamps_ns
+    gap = int(np.argmax(np.diff(stamps)))
+    _, radius = earth.principal_radii(math.sin(s.trajectory.origin.lat))
+    degrees = math.degrees(jump / (radius * math.cos(s.trajectory.origin.lat)))
+    events: list[Event] = []
+    for stamp, kind, values in _events(s, ("range", "beacon")):
+        if kind == "fix" and stamp > stamps[gap]:
+            values = (*values[:3], values[3] + degrees, *values[4:])
+        events.append((stamp, kind, values))
+    fed = Fed(s, follow=True).feed(events)
+    returned = float(stamps[gap + 1] - s.start_ns) / NS
+    rows = fed.since(returned + 10.0)
+    away = np.hypot(rows[:, 1] - jump, rows[:, 2])
+    # 1 m of each fix, against the mean of which it is
+    assert len(rows) > 10 and away.max() < 3.0
+    # sigma stays true to the size of what it did not know
+    assert (away / rows[:, 4]).max() < 3.5
+    believed = [text for text in fed.said if text.startswith("gnss/fix: accepted after")]
+    assert len(believed) == (1 if jump else 0)
+    # the node that publishes jumps too; its map stays
+    east, north, _ = off(fed.ins, fed.ins.stamp_ns, s)
+    assert math.hypot(east - jump, north) < 3.0
+    assert fed.ins.map is not None and fed.aided.map is not None
+    assert fed.ins.map == fed.aided.map
+
+
+# Ranges
+
+
+def test_order_of_arrival_does_not_matter() -> None:
+    """Of ranges, and of the beacon's fixes; they are up to 1.5 s late."""
+    s = _path().redrawn(1)
+    events = _events(s)
+    late = random.Random(3)
+    mixed = [
+        (stamp + (late.randrange(1_500_000_000) if kind in ("range", "beacon") else 0), kind, values)
+        for stamp, kind, values in events
+    ]
+    mixed.sort(key=lambda event: event[0])
+    assert [event[2] for event in mixed] != [event[2] for event in events]
+    a, b = Fed(s).feed(events), Fed(s).feed(mixed)
+    assert len(a.feedback) == len(b.feedback) > 500
+    for x, y in zip(a.feedback, b.feedback, strict=True):
+        assert x.state == y.state and np.array_equal(x.covariance, y.covariance)
+    assert a.counts == b.counts
+
+
+def test_two_ways_of_sound() -> None:
+    """Sound is slow here: a reply's stamp is late by a second, 1.5 m of way."""
+    precise = {"range.noise_stddev": 0.1, "range.delay_speed": 300.0, "beacon.fix_stddev": 0.1}
+    s = _path().redrawn(1, **precise)
+    right = _run(s, range__sound_speed=300.0)
+    across, _ = _greatest(right.since(DIVE))
+    assert across < 3.0 and right.aided.records["range/vessel"].rejected < 3
+    wrong = _run(s, range__sound_speed=300.0, range__two_way=False)
+    across, _ = _greatest(wrong.since(DIVE))
+    assert across > 3.0
+
+
+def test_a_beacon_that_floats_but_tells_no_place_does_nothing_and_is_told() -> None:
+    s = _path().redrawn(1)
+    unheard, none = _run(s, ("beacon",)), _run(s, ("beacon", "range"))
+    np.testing.assert_array_equal(unheard.rows, none.rows)
+    assert any(kind.startswith("range/vessel") for kind in unheard.counts)
+    assert any("range/vessel" in text for text in unheard.said)
