@@ -12,7 +12,7 @@ setup:  ## make .venv, or bring it up to date (the others do this by themselves)
 	@PYTHON="$(PYTHON)" sh tools/setup.sh
 
 demo: setup  ## simulate, navigate, report: ARGS="..." is handed on
-	@$(RUN) python demo/run.py $(ARGS)
+	@$(RUN) python -m demo.run $(ARGS)
 
 test: setup  ## lint, types, tests: ARGS="..." is handed on to pytest
 	@$(RUN) ruff check

@@ -19,6 +19,7 @@ SECTIONS = {
     "alignment": "heading on a rocking base, against its own sigma and the theoretical bound",
     "zupt": "drifts and azimuth found at stops: the paper's run, noise against the bound, real drives",
     "fine": "fine alignment on a rocking base, against its own sigma and the Cramer-Rao bound; free inertial then",
+    "underwater": "log, depth gauge, ranges, whole dives: against the sigma and the Cramer-Rao bound; faults",
     "recordings": "real recordings, by ins_process and live",
     "aided": "real recordings with aids: accuracy, honesty of the sigmas, outages",
     "speed": "cost of a sample in the core, in the navigator, in ins_process",
@@ -46,7 +47,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     for name in args.sections or SECTIONS:
         print(f"\n## {name}: {SECTIONS[name]}", flush=True)
         began = time.monotonic()
-        more = {"seeds": args.seeds} if name == "fine" else {}
+        more = {"seeds": args.seeds} if args.seeds and name in ("fine", "underwater") else {}
         for text in importlib.import_module(f"bench.{_MODULES.get(name, name)}").results(args.data, **more):
             print(f"\n{text}", flush=True)
         print(f"\n({time.monotonic() - began:.0f} s; load now {os.getloadavg()[0]:.1f})", flush=True)
@@ -83,7 +84,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--data", type=Path, default=ROOT.parent / "shared" / "data", metavar="FOLDER", help="of the recordings"
     )
-    parser.add_argument("--seeds", type=_seeds, default=100, metavar="N", help="of section fine (default: 100)")
+    parser.add_argument("--seeds", type=_seeds, metavar="N", help="of fine (default: 100) and underwater (50)")
     return parser
 
 

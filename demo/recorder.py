@@ -1,6 +1,6 @@
-"""Records a live ins_node: recorder.py BAG. Tells by one line of JSON how long samples take to come back.
+"""Records live nodes: recorder.py BAG NODES. Tells by one line of JSON how long samples take to come back.
 
-Ends when stdin is closed, after diagnostics that can have missed nothing.
+Waits for as many nodes as it is told. Ends when stdin is closed, after diagnostics that can have missed nothing.
 """
 
 import json
@@ -8,13 +8,15 @@ import struct
 import sys
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
-from ins_nav.bags import BagWriter
+from ins_nav.bags import TYPES, BagWriter
 from ins_nav.nodes.runtime import init, message_class, spin
 
 _TYPES = {
@@ -26,18 +28,25 @@ _TYPES = {
     "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
 }
 _LATCHED = ("imu/bias",)
-_DEPTH = 5000  # 5 s at 5 times 200 Hz
+_DEPTH = 5000  # 5 s at 10 times 100 Hz
 _STAMP = struct.Struct("<iI")  # of the header, behind the 4 bytes of CDR's own
 
 
 class Recorder(Node):
-    """Keeps what comes, in memory: writing at once would be in the way of what it measures."""
+    """Keeps what comes, in memory: writing at once would be in the way of what it measures.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    nodes : int
+        How many there are to wait for: each tells of itself on /diagnostics.
+    """
+
+    def __init__(self, nodes: int = 1) -> None:
         super().__init__("recorder")
+        self._nodes = nodes
         self.received: dict[str, list[tuple[int, bytes]]] = {topic: [] for topic in _TYPES}
         self._closed = threading.Event()
-        self._last_ones = 0
+        self._last_ones: Counter[str] = Counter()
         for topic in _TYPES:
             if topic != "imu/data_raw":
                 self._subscribe(topic)
@@ -57,14 +66,18 @@ class Recorder(Node):
 
         def keep_and_end(data: bytes) -> None:
             keep((now(), data))
-            self._last_ones += self._closed.is_set()
-            if self._last_ones == 2:  # the first may tell of a moment before the last sample
+            if not self._closed.is_set():
+                return
+            message: Any = TYPES.deserialize_cdr(data, _TYPES["/diagnostics"])
+            self._last_ones.update(status.name for status in message.status)
+            # the first may tell of a moment before the last sample
+            if sum(count >= 2 for count in self._last_ones.values()) >= self._nodes:
                 self.context.try_shutdown()
 
         return keep_and_end
 
     def _greet(self) -> None:
-        if self.count_publishers("odometry"):
+        if self.count_publishers("/diagnostics") >= self._nodes and self.count_publishers("odometry"):
             print("ready", flush=True)
             self._greeting.cancel()
 
@@ -87,8 +100,8 @@ def latency_ms(samples: list[tuple[int, bytes]], solutions: list[tuple[int, byte
 
 
 def main() -> None:
-    (path,) = init()
-    recorder = Recorder()
+    path, nodes = init()
+    recorder = Recorder(int(nodes))
     spin(recorder)
     with BagWriter(path, overwrite=True) as bag:
         for topic, msgtype in _TYPES.items():

@@ -1,9 +1,10 @@
-"""A drive from end to end: simulate, navigate live over ROS 2, compare with the truth.
+"""A dive from end to end: simulate, navigate live over ROS 2, compare with the truth.
 
 Needs rclpy (``make demo`` takes care). Everything it makes is in demo/out, or where -o says.
 """
 
 import argparse
+import contextlib
 import json
 import os
 import re
@@ -16,15 +17,20 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import IO, Self
 
+from demo import figure, mission
+from ins_nav.bags import BagReader
 from ins_nav.errors import InsNavError, for_people
+from ins_nav.process import main as process_recording
 from ins_nav.report import figures
 from ins_nav.report.comparison import compare
 from ins_nav.report.series import read_reference, read_result
-from ins_nav.report.table import rows_of, table
+from ins_nav.report.table import table
 from ins_nav.simulation.recording import write_bag
-from ins_nav.simulation.scenarios import simulate
 
 HERE = Path(__file__).parent
+NODES = ("ins_node", "alignment_node")
+PARAMETERS = HERE.parent / "config" / "auv.yaml"
+_COUNTS = tuple(f"imu/data_raw {kind}" for kind in ("received", "integrated", "used"))
 _PATIENCE = 30.0  # s: for a slow machine to start Python and to find the others
 
 
@@ -85,8 +91,15 @@ class Nodes:
                 raise InsNavError(f"{name} ended with code {process.returncode}: {said[-1] if said else 'see above'}")
 
 
-def navigate(bag: Path, live: Path, rate: float) -> tuple[int, list[float] | None]:
-    """Play a bag into a live ins_node and record what it publishes.
+def navigate(
+    bag: Path,
+    live: Path,
+    rate: float,
+    nodes: Sequence[str] = ("ins_node",),
+    topics: Sequence[str] = ("imu/data_raw", "gnss/fix"),
+    parameters: Path | None = None,
+) -> tuple[int, list[float] | None]:
+    """Play a bag into live nodes and record what ins_node publishes.
 
     Parameters
     ----------
@@ -94,6 +107,12 @@ def navigate(bag: Path, live: Path, rate: float) -> tuple[int, list[float] | Non
         Recording to play, recording to make.
     rate : float
         Times real time.
+    nodes : sequence of str
+        Each is a process of its own.
+    topics : sequence of str
+        That are played.
+    parameters : Path, optional
+        Parameter file of the nodes.
 
     Returns
     -------
@@ -106,29 +125,31 @@ def navigate(bag: Path, live: Path, rate: float) -> tuple[int, list[float] | Non
     ------
     InsNavError
     """
-    with Nodes(live.parent) as nodes:
-        nodes.start("ins_node", "-m", "ins_nav.nodes.ins_node")
-        recorder = nodes.start("recorder", HERE / "recorder.py", live)
-        _wait_until_ready(nodes, recorder)
-        topics = ("imu/data_raw", "gnss/fix")
-        nodes.start("bag_player", "-m", "ins_nav.nodes.bag_player", bag, "-r", rate, "--topics", *topics, shows=True)
-        said = nodes.wait_for("bag_player")
+    given = ("--ros-args", "--params-file", parameters) if parameters else ()
+    with Nodes(live.parent) as running:
+        for node in nodes:
+            running.start(node, "-m", f"ins_nav.nodes.{node}", *given)
+        recorder = running.start("recorder", HERE / "recorder.py", live, len(nodes))
+        _wait_until_ready(running, recorder)
+        player = ("-m", "ins_nav.nodes.bag_player", bag, "-r", rate, "--topics", *topics)
+        running.start("bag_player", *player, shows=True)
+        said = running.wait_for("bag_player")
         published = re.search(r"/imu/data_raw (\d+)", said)
         if not published:
             raise InsNavError(f"bag_player played no imu/data_raw: {said.strip()}")
         _pipe(recorder.stdin).close()
-        result = json.loads(nodes.wait_for("recorder"))
+        result = json.loads(running.wait_for("recorder"))
     return int(published[1]), result["latency_ms"]
 
 
 def _wait_until_ready(nodes: Nodes, recorder: subprocess.Popen[str]) -> None:
-    """Until the recorder has found the node."""
+    """Until the recorder has found the nodes."""
     end = time.monotonic() + _PATIENCE
     stdout = _pipe(recorder.stdout)
     while not select.select([stdout], [], [], 0.1)[0]:
         nodes.check()
         if time.monotonic() > end:
-            raise InsNavError(f"ins_node and recorder have not found each other within {_PATIENCE:g} s")
+            raise InsNavError(f"the nodes and the recorder have not found each other within {_PATIENCE:g} s")
     stdout.readline()
 
 
@@ -137,9 +158,20 @@ def _pipe(stream: IO[str] | None) -> IO[str]:
     return stream
 
 
+def _processed(bag: Path, result: Path) -> None:
+    """What ins_process makes of the recording; what it says goes to a file, as with the nodes."""
+    command = (bag, "-o", result, "--params-file", PARAMETERS, "--nodes", *NODES, "--overwrite")
+    log = result.with_suffix(".log")
+    with log.open("w") as file, contextlib.redirect_stdout(file), contextlib.redirect_stderr(file):
+        code = process_recording(list(map(str, command)))
+    if code:
+        raise InsNavError(f"ins_process ended with code {code}, see {log}")
+
+
 @for_people("demo")
 def main(argv: Sequence[str] | None = None) -> int:
     """The command line."""
+    began = time.monotonic()
     args = _parser().parse_args(argv)
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     if not 0.0 < args.rate < 1000.0:
@@ -148,41 +180,46 @@ def main(argv: Sequence[str] | None = None) -> int:
         args.output.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InsNavError(f"{args.output}: cannot make this folder: {error.strerror}") from error
-    bag, live, picture = (args.output / name for name in ("simulation", "live", "demo.png"))
+    bag, live, batch, picture = (args.output / name for name in ("simulation", "live", "batch", "demo.png"))
 
-    stand, duration = (65.0, 100.0) if args.quick else (90.0, 390.0)
-    print(f"simulating a car: stands {stand:g} s, drives {duration - stand:g} s; navigation-grade IMU", flush=True)
-    write_bag(simulate("vehicle", args.seed, stand_time=stand, duration=duration), bag, overwrite=True, progress=True)
-    print(
-        f"ins_node aligns and navigates, live, at {args.rate:g} times real time: {duration / args.rate:.0f} s",
-        flush=True,
-    )
-    published, latency = navigate(bag, live, args.rate)
+    dive = mission.make(args.quick, args.seed)
+    print(f"simulating {mission.described(dive)}\n", flush=True)
+    write_bag(dive.simulation, bag, overwrite=True, progress=True)
+    with BagReader(bag) as reader:
+        topics = [topic for topic in reader.topics if not topic.startswith("/truth/")]
+    duration = dive.phases[-1].end
+    print(f"{' and '.join(NODES)}, live, at {args.rate:g} times real time: {duration / args.rate:.0f} s", flush=True)
+    published, latency = navigate(bag, live, args.rate, NODES, topics, PARAMETERS)
+    print("ins_process does the same over the recording, for comparison", flush=True)
+    _processed(bag, batch)
 
-    result, reference = read_result(live, "ins_node"), read_reference(bag)
+    result, same, reference = read_result(live, "live"), read_result(batch, "ins_process"), read_reference(bag)
     assert reference is not None
     comparison = compare(result, reference)
-    received, integrated = (int(result.diagnostics[f"imu/data_raw {name}"]) for name in ("received", "integrated"))
-    rows = rows_of(result, comparison)
-    rows["IMU samples published / received / integrated"] = f"{published} / {received} / {integrated}"
+    counts = {"ins_node": result.diagnostics, "alignment_node": mission.last_status(live, "alignment")}
+    print(f"\n{mission.accuracy(dive, reference, comparison)}\n")
+    print(f"{mission.aids(counts['alignment_node'])}\n")
+    columns = {name: _handled(published, says) for name, says in counts.items()}
     if latency is not None:
-        rows["latency sample to Odometry, median / 99 %, ms"] = " / ".join(f"{x:.2f}" for x in latency)
-    print(f"\n{table({result.name: rows})}\n")
-    figures.save(figures.figure([result], reference, [comparison]), picture)
-    print(f"figure: {picture}")
-    if integrated < published:
-        raise InsNavError(
-            f"{published - integrated} samples were lost; is the machine too slow for --rate {args.rate:g}?"
-        )
+        columns["ins_node"]["latency sample to Odometry, median / 99 %, ms"] = " / ".join(f"{x:.2f}" for x in latency)
+    print(f"{table(columns)}\n\n{mission.agreement(result, same)}")
+    figures.save(figure.figure(dive, result, reference, comparison), picture)
+    print(f"figure: {picture}; all this took {time.monotonic() - began:.0f} s")
+    if any(f"{published} / {published} / {published}" not in rows.values() for rows in columns.values()):
+        raise InsNavError(f"samples were lost; is the machine too slow for --rate {args.rate:g}?")
     return 0
 
 
+def _handled(published: int, says: dict[str, str]) -> dict[str, str]:
+    """What became of the samples in a node, by its diagnostics."""
+    received, used = (value for key, value in says.items() if key in _COUNTS)
+    return {"IMU samples played / received / used": f"{published} / {received} / {used}"}
+
+
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="demo", description="Simulate a drive, navigate live, compare with the truth."
-    )
-    parser.add_argument("--quick", action="store_true", help="a short drive")
-    parser.add_argument("--rate", type=float, default=5.0, help="times real time (default %(default)g)")
+    parser = argparse.ArgumentParser(prog="demo", description="Simulate a dive, navigate live, compare with the truth.")
+    parser.add_argument("--quick", action="store_true", help="a short dive")
+    parser.add_argument("--rate", type=float, default=10.0, help="times real time (default %(default)g)")
     parser.add_argument("--seed", type=int, default=0, help="of the simulation (default %(default)s)")
     parser.add_argument("-o", "--output", type=Path, default=HERE / "out", metavar="FOLDER", help="default: demo/out")
     return parser

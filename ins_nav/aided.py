@@ -400,7 +400,7 @@ class AidedNavigator(Navigator):
         own = self.filter.own(seen.aid) if aid.states else np.zeros(0)
         measurement = aid.measure(self._solution(state, raw), own, seen)
         if measurement is not None:
-            self._update(seen.aid, seen.stamp_ns, measurement, aid.settings.gate, aid.settings.patience)
+            self._update(seen.aid, seen.stamp_ns, measurement, aid.settings.gate, aid.patience(seen))
 
     def _update(
         self, name: str, stamp_ns: int, measurement: Measurement, gate: float = GATE, patience: float = PATIENCE

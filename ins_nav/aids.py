@@ -157,6 +157,10 @@ class Aid:
         """What the filter is to make of an observation; None where it says nothing."""
         raise NotImplementedError
 
+    def patience(self, seen: Observation) -> float:
+        """As `ins_nav.error_filter.ErrorFilter.update` takes it, s."""
+        return self.settings.patience
+
 
 class _Gnss(Aid):
     """Position; its error may be slow (own states) besides white: reflections, the atmosphere."""
@@ -183,6 +187,10 @@ class _Log(Aid):
     def measure(self, solution: Solution, own: Array, seen: Observation) -> Measurement | None:
         x, y, z = seen.value
         return self.log.measure(solution, own, (x, y, z), seen.covariance)
+
+    def patience(self, seen: Observation) -> float:
+        """Nothing but zeros are what some logs say that have lost the bottom: no reason to doubt the filter."""
+        return self.settings.patience if any(x for x in seen.value if math.isfinite(x)) else 0.0
 
 
 class _Surface:

@@ -167,6 +167,12 @@ def test_log_takes_the_axes_that_are_there() -> None:
     assert seen is not None and np.abs(seen.innovation).max() < 1e-12
 
 
+def test_zeros_of_a_log_are_never_believed_against_the_filter() -> None:
+    made = aids.make(checked_values({}))["log"]
+    assert made.patience(_seen("log", 0.0, NAN, NAN)) == made.patience(_seen("log", 0.0, 0.0, 0.0)) == 0.0
+    assert made.patience(_seen("log", 0.0, 0.1, NAN)) == made.settings.patience == 180.0
+
+
 def test_depth_counts_from_the_surface() -> None:
     values = {"depth.surface_height": 160.0, "depth.lever_arm": [0.0, 0.0, -1.0]}
     made = aids.make(checked_values(values))["depth"]
