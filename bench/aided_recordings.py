@@ -30,6 +30,23 @@ TACTICAL: dict[str, object] = {
     "imu.accel_bias_stddev_mg": 1.0,
 }
 """For the unit of kingston_a; the first stop lasts 527 s."""
+MEMS: dict[str, object] = {
+    "imu.gyro_bias_stddev_deg_per_hour": 200.0,
+    "imu.gyro_bias_walk_deg_per_hour_per_sqrt_hour": 20.0,
+    "imu.accel_bias_stddev_mg": 10.0,
+    "imu.accel_bias_walk_mg_per_sqrt_hour": 0.3,
+    "imu.gyro_noise_deg_per_sqrt_hour": 0.3,
+    "imu.accel_noise_ug_per_sqrt_hz": 150.0,
+    "initial.latitude_deg": 42.3,
+    "initial.longitude_deg": -83.7,
+    "initial.height": 250.0,
+    "initial.heading_deg": 0.0,
+    "navigation.vertical_channel": True,
+    "zupt.zero_velocity": False,
+    "stop_detector.start_sequence": "never",
+    "aiding.stops": "none",
+}
+"""For the unit of auv_pool; it floats, and is nowhere near still for alignment."""
 _OUTAGE, _OUTAGES = 60.0, 10
 _MOVES_OFF = 527.0
 """s, of kingston_a."""
@@ -129,7 +146,7 @@ def follow(bag: Path, parameters: Mapping[str, object], aids: Sequence[str], giv
 
 def results(data: Path) -> Iterator[str]:
     """The section's tables."""
-    for name, section in (("rlg_drive", _drive), ("kingston_a", _city)):
+    for name, section in (("rlg_drive", _drive), ("kingston_a", _city), ("auv_pool", _pool)):
         if (data / name).exists():
             yield from section(data / name)
         else:
@@ -191,6 +208,57 @@ def _city(bag: Path) -> Iterator[str]:
         yield table([bag.name, *full], truth.accuracy([runs[name].result() for name in full]))
         yield truth.outages({name: runs[name].result() for name in ways if "outages" in name})
         yield truth.slow({slow: trial.result() for slow, trial in trials.items()})
+
+
+def _pool(bag: Path) -> Iterator[str]:
+    """There is no reference: whether the run is stable, its innovations, and what the log alone makes of the way."""
+    innovations: dict[str, list[tuple[bool, Array]]] = {"depth": [], "log": []}
+
+    class Watched(AidedNavigator):
+        def _update(self, name: str, stamp_ns: int, measurement: Measurement, *limits: float) -> None:
+            super()._update(name, stamp_ns, measurement, *limits)
+            last = self.records[name].last
+            assert last is not None
+            innovations[name].append((last.accepted, np.array(last.innovation) / last.sigma))
+
+    navigator = Watched(MEMS)
+    yaw, stamp_ns, log_ns, alone, began, farthest = 0.0, 0, 0, np.zeros(2), 0, 0.0
+    with BagReader(bag) as reader:
+        for raw in reader.messages({topic: topic for topic in ("/imu/data_raw", "/log", "/depth")}):
+            message = reader.deserialize(raw)
+            now = messages.stamp_of(message)
+            if raw.topic == "/imu/data_raw":
+                messages.feed_imu(navigator, message)
+                if navigator.filter is not None and stamp_ns:
+                    yaw += message.angular_velocity.z * (now - stamp_ns) * 1e-9
+                stamp_ns = now
+                if navigator.state is not None and navigator.map is not None:
+                    farthest = max(farthest, math.hypot(*navigator.map.position(navigator.state)[:2]))
+            elif raw.topic == "/log":
+                messages.feed_log(navigator, message)
+                linear = message.twist.twist.linear
+                if navigator.filter is not None and log_ns:
+                    turn = np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])
+                    alone += turn @ (linear.x, linear.y) * (now - log_ns) * 1e-9
+                log_ns, began = now, began or now
+            else:
+                messages.feed_depth(navigator, message)
+            navigator.drain()
+    assert navigator.filter is not None and navigator.state is not None and navigator.map is not None
+    east, north, _ = navigator.map.position(navigator.state)
+    # yaw 0 was given as heading 0, which is north
+    off = math.hypot(east + alone[1], north - alone[0])
+    rows = []
+    for name, every in innovations.items():
+        taken = np.array([size for accepted, size in every if accepted])
+        alike = [np.corrcoef(taken[1:, i], taken[:-1, i])[0, 1] for i in range(taken.shape[1])]
+        cells = f"{len(taken)} of {len(every)}", f"{_rms(taken):.2f}", ", ".join(f"{x:.2f}" for x in alike)
+        rows.append([name, *cells])
+    sigma = math.sqrt(navigator.filter.p[0, 0] + navigator.filter.p[1, 1])
+    time = (navigator.stamp_ns - began) * 1e-9
+    text = f"{bag.name}, heading given, {time:.0f} s: never more than {farthest:.2f} m from the start; at the end "
+    text += f"{off:.2f} m from what the log and the vertical gyro alone make (own sigma {sigma:.2f} m)."
+    yield text + "\n\n" + table(["", "accepted", "innovation / sigma, RMS", "correlation with the one before"], rows)
 
 
 def _always(_stamp_ns: int) -> bool:
