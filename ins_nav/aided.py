@@ -47,7 +47,7 @@ _BATCH_NS = 100_000_000
 """ns between two propagations of the covariance, and between two looks at what has become certain."""
 _EMIT_NS = 500_000_000
 """ns between two feedbacks at least, where there is news; twice that where there is none."""
-_APPLY_NS = 500_000_000
+_APPLY_NS = 1_000_000_000
 """ns of data after which a feedback takes effect: the time its way through DDS may take without being seen."""
 _AHEAD_NS = 5_000_000_000
 """ns: a stamp further ahead of the IMU's is of another clock."""
