@@ -34,6 +34,7 @@ class Beacon:
         self._moored = None if place is None else geodetic_to_ecef(*place)
         self._speed = speed
         self._stamp_ns = 0
+        self._asked = 0
         self._x: Array | None = None  # place and velocity, rows
         self._p: Array = np.zeros((2, 2))  # of each axis
 
@@ -51,15 +52,21 @@ class Beacon:
             self._x = x + np.outer(gain, place - x[0])
             self._p = left @ p @ left.T + variance * np.outer(gain, gain)
         self._stamp_ns = stamp_ns
+        self._asked = 0
 
     def at(self, stamp_ns: int) -> Place | None:
-        """Where it was; None when nothing is known."""
+        """Where it was; None when nothing is known.
+
+        What is not known of its way since its last fix is the same for all that is measured until the next: each of
+        them is told a variance so much larger.
+        """
         if self._moored is not None:
             return self._moored, 0.0
         if self._x is None:
             return None
         x, p = self._ahead(stamp_ns)
-        return x[0], float(p[0, 0])
+        self._asked += 1
+        return x[0], self._asked * float(p[0, 0])
 
     def _ahead(self, stamp_ns: int) -> tuple[Array, Array]:
         """State and covariance at another time; the same for before, where it is the sound's way that is meant."""

@@ -21,6 +21,7 @@ import itertools
 import math
 from collections import deque
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,6 +50,8 @@ _EMIT_NS = 500_000_000
 """ns between two feedbacks at least, where there is news; twice that where there is none."""
 _APPLY_NS = 1_000_000_000
 """ns of data after which a feedback takes effect: the time its way through DDS may take without being seen."""
+_MISSED = 30.0
+"""s without an accepted message of an aid that are worth a warning."""
 _AHEAD_NS = 5_000_000_000
 """ns: a stamp further ahead of the IMU's is of another clock."""
 _SAME_NS = 1_000_000_000
@@ -94,19 +97,22 @@ class AidedNavigator(Navigator):
     # --- what comes in
 
     def _begin(self) -> None:
+        self.filter = None
         super()._begin()
         self._queue.clear()
         self._aids = aids.make(self.parameters)
-        self.records: dict[str, Record] = {}
         self._out: list[Feedback] = []
         self._recent: deque[tuple[int, strapdown.Sample]] = deque()
 
     def _align(self) -> None:
         super()._align()
+        self._log_found = self.own_states(aids.LOG) if self.found_calibration else []  # how it is mounted stays
         self.filter = None
+        self.records: dict[str, Record] = {}
         self._pending: deque[tuple[int, strapdown.Sample]] = deque()
         self.settled_ns = self._filtered_ns = self._emitted_ns = self._began_ns = self._first_ns = 0
         self._taken_ns: dict[str, int] = {}
+        self._fine_before = 0.0
         self._news = False
 
     def add_fix(
@@ -128,13 +134,10 @@ class AidedNavigator(Navigator):
             East, north, up, row by row, m²; empty: not given.
         """
         super().add_fix(stamp_ns, status, latitude_deg, longitude_deg, height, covariance)
-        place = (math.radians(latitude_deg), math.radians(longitude_deg), height)
+        place = math.radians(latitude_deg), math.radians(longitude_deg), height if math.isfinite(height) else math.nan
         if status < 0 or not is_place(latitude_deg, longitude_deg, height):
             return  # told already
-        if math.isfinite(height):
-            self._observe(aids.GNSS, stamp_ns, place, covariance, 3)
-        else:
-            self._unusable(aids.GNSS, stamp_ns, place)
+        self._observe(aids.GNSS, stamp_ns, place, covariance, 3)
 
     def add_gnss_velocity(self, stamp_ns: int, velocity: Triple, covariance: Sequence[float] = ()) -> None:
         """Take a velocity on east, north, up, m/s (up may be NaN); covariance row by row, m²/s², or empty."""
@@ -259,8 +262,25 @@ class AidedNavigator(Navigator):
     @property
     def found_calibration(self) -> dict[str, Value]:
         """Parameters of the log, once it has had a say."""
-        log = self.records.get(aids.LOG)
+        log = self.records.get(aids.LOG) if self.filter is not None else None
         return log_calibration(self.own_states(aids.LOG)) if log is not None and log.accepted else {}
+
+    def missed(self) -> list[str]:
+        """What has become of aids that have had nothing accepted for a while, but for GNSS that is silent."""
+        if self._until_aligned and self.phase is Phase.NAVIGATING:
+            return []
+        said = []
+        for name, record in self.records.items():
+            last = record.last
+            if name not in self._aids or last is None:
+                continue
+            since_ns = record.accepted_ns or self._began_ns
+            silent, out = ((self.settled_ns - stamp_ns) * 1e-9 for stamp_ns in (last.stamp_ns, since_ns))
+            if silent > _MISSED and not name.startswith(aids.GNSS):
+                said.append(f"{aids.topic(name)}: nothing usable for {silent:.0f} s")
+            elif silent <= _MISSED < out:
+                said.append(f"{aids.topic(name)}: {last.reason} for {out:.0f} s: check its sigma, lever arm and clock")
+        return said
 
     def call_zupt(self, stamp_ns: int) -> None:
         """A ZUPT service was called at this stamp; what the stop shows is taken where the policy says so."""
@@ -280,6 +300,7 @@ class AidedNavigator(Navigator):
     def _navigate(self, alignment: Alignment, place: Place) -> None:
         super()._navigate(alignment, place)
         self._noise = alignment.gyro_noise, alignment.accel_noise
+        self._fine_before = self._duration
         self._filter_from(self.accuracy.covariance, self.stamp_ns)
         self._before = self._raw
 
@@ -310,6 +331,8 @@ class AidedNavigator(Navigator):
         self._filter_from(feedback.covariance, feedback.stamp_ns)
         if feedback.aligned:
             self.phase = Phase.NAVIGATING
+        else:
+            self._fine_before = (aligned_ns - feedback.stamp_ns) * 1e-9
         self._before = recent[now][1]
         self._pending.extend(recent[now + 1 :])
         self.health.tell(INFO, "goes on from the solution of ins_node")
@@ -319,6 +342,11 @@ class AidedNavigator(Navigator):
         """Start the filter at the present state; its covariance on n, shape (15, 15)."""
         model = accuracy.error_model(self.parameters, self._noise)
         own = {name: aid.states for name, aid in self._aids.items() if aid.states}
+        if self._log_found and aids.LOG in own:
+            own[aids.LOG] = tuple(
+                replace(state, value=value, stddev=stddev)
+                for state, (value, stddev) in zip(own[aids.LOG], self._log_found, strict=True)
+            )
         self.filter = accuracy.filter_of(model, covariance, own)
         self.phase = Phase.FINE
         self._filtered = self.state
@@ -399,6 +427,9 @@ class AidedNavigator(Navigator):
             state = strapdown.step(state, self._without_bias(self._before), part, self._instantaneous, self._vertical)
         own = self.filter.own(seen.aid) if aid.states else np.zeros(0)
         measurement = aid.measure(self._solution(state, raw), own, seen)
+        if measurement is None and isinstance(aid, aids.Range):
+            text = f"{aids.topic(seen.aid)}: nobody knows where the beacon is: publish its fixes, or set its parameters"
+            self.health.note(f"{seen.aid} unusable", WARN, text, seen.stamp_ns)
         if measurement is not None:
             self._update(seen.aid, seen.stamp_ns, measurement, aid.settings.gate, aid.patience(seen))
 
@@ -457,8 +488,8 @@ class AidedNavigator(Navigator):
 
     @property
     def fine_time(self) -> float:
-        """Time since the first sample of alignment, s."""
-        return self._duration + (self.settled_ns - self.aligned_ns) * 1e-9
+        """Time since the first sample of alignment, or since it was taken up unfinished, s."""
+        return self._fine_before + (self.settled_ns - self.aligned_ns) * 1e-9
 
     @property
     def time_left(self) -> float:

@@ -167,10 +167,12 @@ class _Gnss(Aid):
 
     def measure(self, solution: Solution, own: Array, seen: Observation) -> Measurement | None:
         lat, lon, height = seen.value
-        plain = GnssPosition(self.settings.lever_arm).measure(solution, lat, lon, height, seen.covariance)
+        aid = GnssPosition(self.settings.lever_arm, horizontal=math.isnan(height))
+        plain = aid.measure(solution, lat, lon, height, seen.covariance)
         if not self.states:
             return plain
-        return plain._replace(innovation=plain.innovation + own, own=np.eye(3))
+        rows = len(plain.innovation)
+        return plain._replace(innovation=plain.innovation + own[:rows], own=np.eye(3)[:rows])
 
 
 class _GnssVelocity(Aid):
@@ -213,7 +215,8 @@ class _Depth(Aid):
             self.surface.height = aid.height(solution) + depth
         surface = self.surface.height + float(own.sum())
         plain = aid.measure(solution, depth, variance, surface)
-        return plain if self.states else plain._replace(own=None)
+        # a gauge that says otherwise for long: the surface is not where it was thought to be
+        return plain._replace(direct=None) if self.states else plain._replace(own=None)
 
     def _depth(self, solution: Solution, seen: Observation) -> tuple[float, float]:
         """m, and its variance, m²."""

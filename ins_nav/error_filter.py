@@ -73,8 +73,8 @@ class Measurement(NamedTuple):
     """(m, SIZE)."""
     r: Array
     """(m, m), covariance of the noise."""
-    direct: slice
-    """States it measures as such: they give way when the aid is right and the filter is not."""
+    direct: slice | None
+    """States it measures as such: they give way when the aid is right and the filter is not; None: the aid's own."""
     own: Array | None = None
     """(m, k): columns of the aid's own states."""
 
@@ -298,6 +298,8 @@ class ErrorFilter:
             return Update(aid, stamp_ns, tuple(innovation.tolist()), nothing, math.nan, False, "not a number")
         track = self._tracks.get(aid, _Track(None, ()))
         factor = _excess(track.squares, len(innovation))
+        if direct is None:
+            direct = self._own[aid]
         size = len(self.x)
         h = h_core
         if size > SIZE:
@@ -324,7 +326,7 @@ class ErrorFilter:
                 track = track._replace(drifts=ratio < _FAR)
             unsure = track.drifts and float(predicted.trace()) > _GROWN**2 * track.variance
             alone = patience > 0.0 and self._stands_alone(track.accepted_ns, rejected, r, 0.0 if unsure else patience)
-            if not alone or not self._widen(rejected, h_core, r, direct):
+            if not alone or not self._widen(rejected, h, r, direct):
                 self._tracks = self._tracks | {aid: track._replace(rejected=rejected)}
                 return Update(aid, stamp_ns, tuple(residual.tolist()), sigma, ratio, False, "outside the gate", factor)
             reason = f"after {len(rejected)} rejected that agree"
@@ -363,7 +365,7 @@ class ErrorFilter:
     def _widen(self, rejected: tuple[tuple[int, Array], ...], h: Array, r: Array, direct: slice) -> bool:
         """Let the covariance grow until the last measurement fits; whether that is possible."""
         p = self.p.copy()
-        if not _grow(p, direct, h[:, direct], rejected[-1][1], h @ p[:SIZE, :SIZE] @ h.T + r):
+        if not _grow(p, direct, h[:, direct], rejected[-1][1], h @ p @ h.T + r):
             return False
         if direct == POSITION:
             slope, variance, _ = _line(rejected)

@@ -12,7 +12,7 @@ from ins_nav.strapdown import State
 _AHEAD_NS = 5_000_000_000
 """ns ahead of the samples: a feedback of before a restart. All of 5 s may still wait in the queue of a topic."""
 _FOLLOWS_NS = 5_000_000_000
-"""ns after the last feedback for which `alignment_node` is believed to be there."""
+"""ns after the last feedback took effect for which `alignment_node` is believed to be there."""
 
 
 class Feedback(NamedTuple):
@@ -54,12 +54,14 @@ class FeedbackQueue:
     def __init__(self, health: Health) -> None:
         self._health = health
         self._waiting: list[Feedback] = []
-        self._followed_ns = 0
+        self.followed_ns = 0
+        """Stamp of the last state gone on from; 0 for none."""
+        self._led_ns = 0
 
     def restart(self) -> None:
         """The stamps have jumped."""
         self._waiting.clear()
-        self._followed_ns = 0
+        self.followed_ns = self._led_ns = 0
 
     def clear(self) -> None:
         """What waits is of no use any more."""
@@ -72,7 +74,7 @@ class FeedbackQueue:
             text = f"ins/feedback: {ahead:.1f} s ahead of imu/data_raw: left out"
             self._health.note("feedback ahead", INFO, text, stamp_ns)
             return False
-        if feedback.stamp_ns <= max(self._followed_ns, *(f.stamp_ns for f in self._waiting), 0):
+        if feedback.stamp_ns <= max(self.followed_ns, *(f.stamp_ns for f in self._waiting), 0):
             text = "ins/feedback: older than the last, or repeated: left out"
             self._health.note("feedback repeated", INFO, text, stamp_ns)
             return False
@@ -94,9 +96,9 @@ class FeedbackQueue:
             text = f"ins/feedback: of a time {age:.1f} s ago, of which nothing is remembered: left out"
             self._health.note("feedback lost", WARN, text, stamp_ns)
             return None
-        self._followed_ns = newest.stamp_ns
+        self.followed_ns, self._led_ns = newest.stamp_ns, stamp_ns
         return newest, entry
 
     def follows(self, stamp_ns: int) -> bool:
         """Whether feedback has been coming lately."""
-        return stamp_ns - self._followed_ns < _FOLLOWS_NS
+        return stamp_ns - self._led_ns < _FOLLOWS_NS

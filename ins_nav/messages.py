@@ -377,6 +377,9 @@ def alignment_diagnostics(navigator: AidedNavigator, silent_for: float = 0.0) ->
     if level == 0 and navigator.phase is Phase.FINE and navigator.filter is not None:
         stddev = math.degrees(navigator.filter.heading_stddev)
         text = f"fine; heading sigma {stddev:.2f}°, {navigator.time_left:.0f} s left"
+    missed = navigator.missed()
+    if level == 0 and missed:
+        level, text = 1, f"{text}; {'; '.join(missed)}"
     return level, text, values
 
 

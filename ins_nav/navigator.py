@@ -84,10 +84,10 @@ class Navigator:
 
     def __init__(self, overrides: Mapping[str, object] | None = None) -> None:
         self.health = Health()
-        values, last = state_file.take_up(checked_values(overrides or {}), self.health)
+        values, kept, last = state_file.take_up(checked_values(overrides or {}), self.health)
         self.parameters = values
         self._place = StartPlace(values, last, self.health)
-        self.log_calibration: dict[str, Value] = {}
+        self.log_calibration = {name: value for name, value in kept.items() if name.startswith("log.")}
         self.stream = ImuStream(
             self.health,
             self._number("imu.max_angular_velocity"),
@@ -269,7 +269,7 @@ class Navigator:
             self.gyro_bias,  # type: ignore[arg-type]
             self.accel_bias,  # type: ignore[arg-type]
             self._known(),
-            self.phase is Phase.NAVIGATING,
+            self.phase is Phase.NAVIGATING and self._feedback.followed_ns > self.aligned_ns,
         )
         return feedback, self.aligned_ns
 

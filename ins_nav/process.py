@@ -207,7 +207,8 @@ def _with_progress(
 def _phase(navigator: Navigator, aided: AidedNavigator | None) -> str:
     if aided is None or aided.filter is None:
         return navigator.phase.value
-    return f"{aided.phase.value}, heading ± {math.degrees(aided.filter.heading_stddev):.2f}°"
+    text = f"{aided.phase.value}, heading ± {math.degrees(aided.filter.heading_stddev):.2f}°"
+    return f"{text}, {aided.time_left:.0f} s left" if aided.time_left else text
 
 
 @for_people("ins_process")
@@ -222,6 +223,8 @@ def main(argv: Sequence[str] | None = None) -> int | None:
         overrides |= read_file(file, *args.nodes, "ins_node", "ins_process")
     overrides |= dict(map(parse_assignment, args.param))
     navigator = Navigator(overrides)
+    if args.save and not navigator.parameters["state_file"]:
+        raise InsNavError("--save: where to? Add --param state_file:=FILE")
     aided = AidedNavigator(overrides) if "alignment_node" in args.nodes else None
     if args.output.resolve() in (args.bag.resolve(), args.bag.resolve().parent):
         raise InsNavError(f"{args.output}: is where the recording itself is; choose another name")
@@ -251,7 +254,8 @@ def main(argv: Sequence[str] | None = None) -> int | None:
                 raise
             recorder.tick(reader.end_ns, last=True)
     if args.save:
-        navigator.log_calibration = {} if aided is None else aided.found_calibration
+        if aided is not None and aided.found_calibration:
+            navigator.log_calibration = aided.found_calibration
         saved, text = navigator.save()
         if not saved:
             raise InsNavError(f"--save: {text}")

@@ -14,6 +14,8 @@ from ins_nav.state_file import Pose
 
 _HEIGHTS = -12e3, 1e5
 """m, ellipsoidal: no vehicle is elsewhere."""
+_ANY_HEIGHT = 1e3
+"""m: sigma of a height that nobody knows."""
 _REMEMBERED = 10.0
 """m: least sigma of a place that is only remembered."""
 
@@ -100,10 +102,11 @@ class StartPlace:
         if not (aligning and self._wanted):
             return
         self._wanted = False
-        if not math.isfinite(height):
+        missing = [] if math.isfinite(height) else [2]
+        east, north, up = np.sqrt(self._settings.covariance(covariance, 3, missing).diagonal()).tolist()
+        if missing:
             self._health.note("no height", WARN, "gnss/fix: altitude is not a number, taken as 0 m", stamp_ns)
-            height = 0.0
-        east, north, up = np.sqrt(self._settings.covariance(covariance, 3).diagonal()).tolist()
+            height, up = 0.0, _ANY_HEIGHT
         stddev = (max(east, north), max(east, north), up)
         lat, lon = math.radians(latitude_deg), math.radians(longitude_deg)
         self._known = Place(lat, lon, height, stddev, self._settings.lever_arm)

@@ -83,32 +83,35 @@ def save(path: str | Path, parameters: Mapping[str, Value], pose: Pose) -> None:
     tree[_LAST] = dict(pose._asdict())
     text = yaml.safe_dump({"/**": {"ros__parameters": tree}}, sort_keys=False)
     target = Path(path).expanduser()
-    part = target.with_name(target.name + ".part")
+    part = target.parent / f"{target.name}.part"
     try:
-        part.write_text(f"# Saved by ins_nav at {_date(pose)}, by the stamps of its IMU.\n{text}", encoding="utf-8")
+        with part.open("w", encoding="utf-8") as file:
+            file.write(f"# Saved by ins_nav at {_date(pose)}, by the stamps of its IMU.\n{text}")
+            file.flush()
+            os.fsync(file.fileno())
         os.replace(part, target)
     except OSError as error:
         raise StateFileError(f"state_file {path}: {error.strerror}") from None
 
 
-def take_up(values: dict[str, Value], health: Health) -> tuple[dict[str, Value], Pose | None]:
-    """What ``state_file`` has kept, in place of the parameters' values; and the last pose, where there is one.
+def take_up(values: dict[str, Value], health: Health) -> tuple[dict[str, Value], dict[str, Value], Pose | None]:
+    """What ``state_file`` has kept, in place of the parameters' values and by itself; the last pose, if there is one.
 
     A file that is not there yet, or damaged, is told and left alone: a vehicle must start without it.
     """
     path = Path(str(values["state_file"])).expanduser()
     if not values["state_file"]:
-        return values, None
+        return values, {}, None
     if not path.exists():
         health.tell(INFO, f"state_file {path} is not there yet: ins_node/save writes it")
-        return values, None
+        return values, {}, None
     try:
         kept, pose = load(path)
     except StateFileError as error:
         health.tell(WARN, f"{error}: nothing of it is used; save again, or remove it")
-        return values, None
+        return values, {}, None
     health.tell(INFO, f"state_file {path}: {', '.join(kept)} taken up, as saved {_date(pose)}")
-    return values | kept, pose
+    return values | kept, kept, pose
 
 
 def _date(pose: Pose) -> str:
@@ -126,10 +129,11 @@ def load(path: str | Path) -> tuple[dict[str, Value], Pose]:
     try:
         content = read_file(path)
         pose = Pose(*(float(content.pop(f"{_LAST}.{key}")) for key in _POSE))  # type: ignore[arg-type]
+        _date(pose)
         checked = checked_values(content)
     except KeyError as error:
         raise StateFileError(f"state_file {path}: no {error.args[0]}") from None
-    except (InsNavError, TypeError, ValueError) as error:
+    except (InsNavError, TypeError, ValueError, OverflowError) as error:
         raise StateFileError(f"state_file {path}: {error}") from None
     other = content.keys() - {*_BIASES, *_LOG}
     if other:

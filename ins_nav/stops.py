@@ -108,6 +108,7 @@ class Stops:
         self.detector = StopDetector(StopLimits.from_parameters(values))
         self._instantaneous = values["imu.sampling"] == "instantaneous"
         self._zero_velocity = bool(values["zupt.zero_velocity"])
+        self._filter_takes = values["aiding.stops"] != "none"
         self._max_rocking = math.radians(number("zupt.max_rocking_deg"))
         self._drift_walk = number("imu.gyro_bias_walk_deg_per_hour_per_sqrt_hour") * _DEG_PER_HOUR / 60.0
         self._accel_stddev = number("imu.accel_bias_stddev_mg") * MILLI_G
@@ -245,8 +246,12 @@ class Stops:
         Raises
         ------
         ZuptError
-            As of `zupt2`.
+            As of `zupt2`; or the filter takes nothing from stops.
         """
+        if not self._filter_takes:
+            raise ZuptError(
+                "alignment_node's filter leads and takes nothing from stops: aiding.stops is none; set updates or zupt"
+            )
         stop, _ = self._measured()
         return f"at rest for {stop.rest.duration:.0f} s, left to alignment_node's filter"
 

@@ -52,9 +52,14 @@ def test_followed_round_a_circle_with_a_true_variance() -> None:
 
 
 def test_the_variance_grows_with_age() -> None:
-    beacon = Beacon(None, 1.0)
-    beacon.take(0, LAT, LON, 0.0, np.eye(3))
-    sigmas = [math.sqrt(place[1]) for place in (beacon.at(s * SECOND) for s in (0, 1, 10, 100)) if place]
+    sigmas = []
+    for second in (0, 1, 10, 100):
+        beacon = Beacon(None, 1.0)
+        beacon.take(0, LAT, LON, 0.0, np.eye(3))
+        first, again = beacon.at(second * SECOND), beacon.at(second * SECOND)
+        assert first is not None and again is not None
+        assert again[1] == 2.0 * first[1]  # the same error once more
+        sigmas.append(math.sqrt(first[1]))
     # velocity unknown by 1 m/s: at first as time, then as its root
     assert sigmas[:2] == pytest.approx([1.0, math.sqrt(2.0)], rel=0.01)
     assert 8.0 < sigmas[2] < 10.1 and 50.0 < sigmas[3] < 80.0

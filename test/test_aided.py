@@ -450,7 +450,6 @@ def test_messages_without_value() -> None:
             ("fix", (stamp + 1, -1, lat, lon, height, covariance)),
             ("fix", (stamp + 2, 0, math.nan, lon, height, covariance)),
             ("fix", (stamp + 3, 0, lat, math.inf, height, covariance)),
-            ("fix", (stamp + 4, 0, lat, lon, math.nan, covariance)),
             ("velocity", (stamp + 5, (math.nan, 1.0, 0.0), ())),
             ("log", (stamp + 6, (math.nan,) * 3, ())),
             ("depth", (stamp + 7, math.nan, 1.0)),
@@ -462,11 +461,48 @@ def test_messages_without_value() -> None:
     assert set(fed.counts) == {
         "no fix",
         "invalid fixes",
-        "gnss unusable",
         "gnss_velocity unusable",
         "log unusable",
         "depth unusable",
     }
+
+
+def test_fixes_without_height_are_horizontal() -> None:
+    s = _drive()
+    flat = [(at, n, kind, (*values[:4], math.nan, values[5])) for at, n, kind, values in _aids(s)]
+    fed, full = Fed({**SHORT}).feed(_imu(s), flat), Fed({**SHORT}).feed(_imu(s), _aids(s))
+    assert fed.aided.filter is not None and full.aided.filter is not None
+    assert fed.aided.records["gnss"].accepted == full.aided.records["gnss"].accepted
+    sigma, other = (np.sqrt(x.aided.filter.p.diagonal()[:3]) for x in (fed, full))
+    # height: nobody knows it, and a ground vehicle's tells nothing of the rest
+    assert sigma[2] > 900.0 and other[2] < 3.0
+    np.testing.assert_allclose(sigma[:2], other[:2], rtol=0.02)
+
+
+def test_a_restart_forgets_what_the_filter_knew() -> None:
+    """Stamps jump back: alignment begins with the uncertainty that parameters give."""
+    s = _drive()
+    fed = Fed({**SHORT, **PLACE, "imu.gyro_bias_stddev_deg_per_hour": 1.0}).feed(_imu(s)[:4500], _aids(s))
+    aided = fed.aided
+    assert aided.filter is not None
+    given = math.radians(1.0 / 3600.0)
+    assert math.sqrt(aided.gyro_bias_covariance[2, 2]) < 0.999 * given
+    (_, _, _, values) = _imu(s)[0]
+    for n in range(3):
+        aided.add_imu(values[0] + n * 20_000_000, *values[1:])
+    assert aided.filter is None
+    assert math.sqrt(aided.gyro_bias_covariance[2, 2]) == pytest.approx(given, rel=1e-9)
+
+
+def test_a_filter_that_begins_late_aligns_finely() -> None:
+    """What `ins_node` has by itself is coarse."""
+    s = _drive()
+    navigator = Navigator({**SHORT, **PLACE})
+    for _, _, _, values in _imu(s)[:1500]:
+        navigator.add_imu(*values)
+    assert navigator.phase is Phase.NAVIGATING
+    solution = navigator.solution()
+    assert solution is not None and not solution[0].aligned
 
 
 def test_zero_covariance_is_the_default() -> None:

@@ -47,6 +47,7 @@ def test_nowhere_to_write(tmp_path: Path) -> None:
         ("accel_bias_mg:\n    - 0.01\n    - 0.02\n    - -0.03", "max_gap: 3.0", "imu.max_gap is not kept"),
         ("- 0.1\n", "- much\n", "'much' is not a number"),
         ("imu:", "imu: [", "is not YAML"),
+        ("stamp: 1700000000.25", "stamp: 1.0e+300", "timestamp"),
     ],
 )
 def test_damaged(tmp_path: Path, old: str, new: str, text: str) -> None:
@@ -116,6 +117,7 @@ def test_a_start_takes_up_what_was_saved(tmp_path: Path) -> None:
     )
     second = _fed(simulation, state_file=str(path))
     assert second.gyro_bias[0] == pytest.approx(1e-6) and second.parameters["log.scale"] == 0.01
+    assert second.log_calibration == first.log_calibration  # to be saved again
     # nobody said where it is: where it was
     assert second.phase is Phase.NAVIGATING and second.covariance is not None
     assert 10.0 <= math.sqrt(second.covariance[0, 0]) < 10.5
@@ -144,7 +146,7 @@ def test_ins_process_saves(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
     arguments = [str(tmp_path / "bag"), "-o", str(tmp_path / "out"), "--param", "alignment.duration:=5", "--save"]
     short = ["--param", "initial.heading_deg:=0", "--param", "alignment.level_duration:=2"]
     assert process([*arguments, *short]) == 1
-    assert "ins_process: --save: no state_file: start the node with a name for it" in capsys.readouterr().err
+    assert "ins_process: --save: where to? Add --param state_file:=FILE" in capsys.readouterr().err
     path = tmp_path / "state.yaml"
     assert process([*arguments, *short, "--overwrite", "--param", f"state_file:={path}"]) == 0
     kept, pose = load(path)

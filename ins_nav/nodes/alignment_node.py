@@ -21,8 +21,8 @@ from ins_nav.nodes import parameters, runtime
 from ins_nav.nodes.reporting import Reporter
 from ins_nav.parameters import beacon_names
 
-_IMU_DEPTH = 2000
-"""5 s at 400 Hz, as `ins_node` has."""
+_IMU_DEPTH = 10_000
+"""5 s at 2000 Hz, as `ins_node` has."""
 
 
 class AlignmentNode(Node):
