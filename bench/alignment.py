@@ -1,6 +1,7 @@
 """Coarse alignment on a rocking base: error of the heading, against its own sigma and against theory.
 
-A motion is simulated once, without errors; every seed begins at another phase of it and adds noise of its own.
+A motion is simulated once, without errors; every seed begins at another phase of it and adds noise of its own. An
+irregular sea is another one for every seed.
 """
 
 import functools
@@ -16,16 +17,21 @@ from scipy.spatial.transform import Rotation
 
 from bench.markdown import table
 from ins_nav import earth
-from ins_nav.coarse_alignment import CoarseAlignment
+from ins_nav.coarse_alignment import AlignmentError, CoarseAlignment
+from ins_nav.simulation.motion import Motion, Signal, constant, sinusoid
 from ins_nav.simulation.scenarios import Simulation, simulate
+from ins_nav.simulation.trajectory import EarthMotion, Origin
 
 Array = NDArray[np.float64]
 DURATION, RATE = 120.0, 400.0
 GYRO_NOISE, ACCEL_NOISE = math.radians(0.003), 0.02
-"""Standard deviations of one sample, rad/s and m/s²."""
+"""Standard deviations of one sample at that rate, rad/s and m/s²."""
 _SEEDS, _SEEDS_SURGING, _PHASES = 100, 10, 10
 _LATITUDES, _PERIODS = (0.0, 30.0, 55.7, 75.0), (5.0, 8.0, 12.0)
 _AMPLITUDE = 0.5
+_SWELL_RATE, _SWELL_LATITUDE, _SWELL_DURATIONS, _SWELL_PERIODS = 50.0, 55.7, (30.0, 60.0, 120.0), (8.0, 20.0)
+_LINES = 20
+"""Sinusoids that make an irregular sea."""
 
 
 class Case(NamedTuple):
@@ -35,37 +41,73 @@ class Case(NamedTuple):
     amplitude: float = 0.0
     """Of surge, sway and heave, m."""
     period: float = 8.0
-    """Of surge, sway and heave, s."""
+    """Of surge, sway and heave, s; of the highest waves, where they are irregular."""
+    duration: float = DURATION
+    rate: float = RATE
+    irregular: bool = False
 
 
 @functools.lru_cache(1)
 def _noiseless(case: Case) -> Simulation:
     axes = dict.fromkeys(("surge_amplitude", "sway_amplitude", "heave_amplitude"), case.amplitude)
     place = {"lat_deg": case.latitude_deg, "linear_period": case.period}
-    rest = {"duration": DURATION + case.period, "rate": RATE, "imu.preset": "perfect", "gnss.rate": 0.0}
+    rest = {"duration": case.duration + case.period, "rate": case.rate, "imu.preset": "perfect", "gnss.rate": 0.0}
     return simulate("rocking", 0, **axes, **place, **rest)
 
 
-def run(case: Case, seeds: Sequence[int]) -> Array:
-    """Error of the heading and its sigma by the alignment, shape (n, 2), rad."""
+def _sea(amplitude: float, period: float, rng: np.random.Generator) -> Signal:
+    """Irregular waves with the spectrum of the North Sea (JONSWAP), as high in the mean square as a sinusoid."""
+    borders = np.geomspace(0.55, 2.5, _LINES + 1)
+    x = borders[:-1] + rng.uniform(size=_LINES) * np.diff(borders)
+    peak = 3.3 ** np.exp(-0.5 * ((x - 1.0) / np.where(x < 1.0, 0.07, 0.09)) ** 2)
+    height = np.sqrt(x**-5 * np.exp(-1.25 * x**-4) * peak * np.diff(borders))
+    height *= amplitude / np.linalg.norm(height)
+    phase = rng.uniform(0.0, 2.0 * math.pi, _LINES)
+    return sum((sinusoid(h, period / f, q) for h, f, q in zip(height, x, phase, strict=True)), constant(0.0))
+
+
+def _irregular(case: Case, seed: int) -> tuple[Array, Array, Array]:
+    """Rates and forces without errors, attitude at their end."""
+    rng = np.random.default_rng([seed, round(case.period), round(case.duration)])
+    x, y, z = (_sea(case.amplitude, case.period, rng) for _ in range(3))
+    pitch, roll = (_sea(math.radians(5.0), 11.0, rng) for _ in range(2))
+    yaw = constant(rng.uniform(0.0, 2.0 * math.pi))
+    motion = Motion(case.duration, yaw=yaw, pitch=pitch, roll=roll, x=x, y=y, z=z)
+    path = EarthMotion(motion, Origin(math.radians(case.latitude_deg), 0.0, 150.0)).trajectory(case.rate)
+    return path.delta_theta * case.rate, path.delta_velocity * case.rate, path.q_nb[-1]
+
+
+def _regular(case: Case, seed: int) -> tuple[Array, Array, Array]:
+    """The same from the one simulation."""
     simulation = _noiseless(case)
-    count = round(DURATION * RATE)
+    count = round(case.duration * case.rate)
+    start = round(seed % _PHASES / _PHASES * case.period * case.rate)
+    taken = slice(start, start + count)
+    last = simulation.trajectory.q_nb[start + count]
+    return simulation.angular_velocity[taken], simulation.linear_acceleration[taken], last
+
+
+def run(case: Case, seeds: Sequence[int]) -> Array:
+    """Error of the heading and its sigma by the alignment, shape (n, 2), rad; without the runs that are refused."""
     rows = []
     for seed in seeds:
-        start = round(seed % _PHASES / _PHASES * case.period * RATE)
-        taken = slice(start, start + count)
-        truth = Rotation.from_quat(simulation.trajectory.q_nb[start + count])
+        rates, forces, last = (_irregular if case.irregular else _regular)(case, seed)
         rng = np.random.default_rng(seed)
-        rates = simulation.angular_velocity[taken] + GYRO_NOISE * rng.normal(size=(count, 3))
-        forces = simulation.linear_acceleration[taken] + ACCEL_NOISE * rng.normal(size=(count, 3))
-        samples = [tuple(row) for row in np.column_stack([np.full(count, 1.0 / RATE), rates, forces]).tolist()]
-        alignment = CoarseAlignment(DURATION)
+        size = math.sqrt(case.rate / RATE)
+        rates = rates + size * GYRO_NOISE * rng.normal(size=rates.shape)
+        forces = forces + size * ACCEL_NOISE * rng.normal(size=forces.shape)
+        intervals = np.full(len(rates), 1.0 / case.rate)
+        samples = [tuple(row) for row in np.column_stack([intervals, rates, forces]).tolist()]
+        alignment = CoarseAlignment(case.duration)
         for previous, sample in zip([samples[0], *samples], samples, strict=False):
             alignment.add(previous, sample, False)
-        found = alignment.solve(math.radians(case.latitude_deg), simulation.parameters["height"])
-        error = (truth * Rotation.from_quat(found.q_gb).inv()).as_rotvec()[2]
+        try:
+            found = alignment.solve(math.radians(case.latitude_deg), 150.0)
+        except AlignmentError:
+            continue
+        error = (Rotation.from_quat(last) * Rotation.from_quat(found.q_gb).inv()).as_rotvec()[2]
         rows.append((error, found.heading_stddev))
-    return np.array(rows)
+    return np.array(rows).reshape(-1, 2)
 
 
 def bound(latitude_deg: float, height: float) -> float:
@@ -97,7 +139,15 @@ def results(_data: Path) -> Iterator[str]:
         yield _rocking(np.concatenate(list(rocking)), least)
         cases = [Case(lat, _AMPLITUDE, period) for lat in _LATITUDES for period in _PERIODS]
         surging = list(pool.map(run, cases, [range(_SEEDS_SURGING)] * len(cases)))
+        swells = [
+            Case(_SWELL_LATITUDE, _AMPLITUDE, period, duration, _SWELL_RATE, irregular)
+            for duration in _SWELL_DURATIONS
+            for irregular in (False, True)
+            for period in _SWELL_PERIODS
+        ]
+        swell = list(pool.map(run, swells, [range(_SEEDS_SURGING)] * len(swells)))
     yield _surging(surging)
+    yield _swell(swell)
 
 
 def _rocking(found: Array, least: float) -> str:
@@ -123,6 +173,29 @@ def _surging(found: list[Array]) -> str:
     head = f"surge, sway, heave {_AMPLITUDE:g} m too"
     text = f"RMS heading error in degrees, in brackets RMS of error / sigma, of {_SEEDS_SURGING} phases and seeds:"
     return f"{text}\n\n{table([head, *(f'period {period:g} s' for period in _PERIODS)], rows)}"
+
+
+def _swell(found: list[Array]) -> str:
+    n = len(_SWELL_PERIODS)
+    rows = []
+    for i, duration in enumerate(_SWELL_DURATIONS):
+        for j, sea in enumerate(("sinusoid", "irregular")):
+            part = found[(2 * i + j) * n : (2 * i + j + 1) * n]
+            rows.append([f"{duration:g} s, {sea}", *map(_swell_cell, part)])
+    text = (
+        f"The same at latitude {_SWELL_LATITUDE:g}°; in brackets the greatest error / sigma too, and how many of "
+        f"{_SEEDS_SURGING} were refused for a sigma over 30°:"
+    )
+    return f"{text}\n\n{table(['alignment, sea', *(f'period {p:g} s' for p in _SWELL_PERIODS)], rows)}"
+
+
+def _swell_cell(found: Array) -> str:
+    refused = _SEEDS_SURGING - len(found)
+    if not len(found):
+        return f"{refused} refused"
+    ratio = found[:, 0] / found[:, 1]
+    tail = f", {refused} refused" if refused else ""
+    return f"{math.degrees(_rms(found[:, 0])):.2f} ({_rms(ratio):.2f}, {np.abs(ratio).max():.1f}{tail})"
 
 
 def _rms(values: Array) -> float:

@@ -3,7 +3,7 @@
 Specific force is averaged over short blocks in inertial space (`ins_nav.gravity_cone`). On the axes of the solution
 the blocks' deviations from the cone are two series, east and north, each a constant (level), a slope (north: heading;
 east: a rate that is not the Earth's) and noise, which is found, not assumed (`ins_nav.trend_noise`): white noise of
-the accelerometers, random walk of attitude from the gyros, jolts of velocity and waves.
+the accelerometers, random walk of attitude from the gyros, jolts of velocity, waves and swell.
 
 References
 ----------
@@ -32,8 +32,8 @@ _DEGREES_TOLERANCE = 0.2
 _DEGREES = (
     "angular velocity agrees with the turning of gravity only as degrees per second: publish angular_velocity in rad/s"
 )
-_REST_SPEED = 0.05
-"""m/s: below this RMS the base stands, and velocity is zero rather than estimated."""
+_REST_SPEED = 0.01
+"""m/s: below this RMS the base stands, and velocity is zero rather than estimated. No sigma is smaller."""
 
 
 class AlignmentError(InsNavError):
@@ -57,7 +57,7 @@ class Alignment:
     velocity_g : 3 floats
         East, north, up, m/s: zero for a base at rest, else that of its surge and heave.
     velocity_stddev : float
-        m/s.
+        Of its worst axis, m/s.
     gravity_ratio : float
         Measured specific force over normal gravity.
     rate_error : float
@@ -211,7 +211,7 @@ class CoarseAlignment:
         limits = self.cone.noise_limits(gravity)
         noise = None
         for _ in range(4):
-            series = (blocks.force @ rot_b0g0 / gravity - cone_path(lat, blocks.time))[:, :2]
+            series = _deviation(blocks, rot_b0g0, gravity, lat)[:, :2]
             if noise is None:
                 noise = TrendNoise.of(blocks.time, blocks.total, series, limits)
             fit = noise.fit(series)
@@ -219,10 +219,13 @@ class CoarseAlignment:
             rot_b0g0 = rot_b0g0 @ Rotation.from_rotvec([-fit.level[1], fit.level[0], turn]).as_matrix()
             if abs(turn) > 0.01 or np.abs(fit.level).max() > 1e-3:
                 noise = None  # the axes were still turning
-        deviation = blocks.force @ rot_b0g0 / gravity - cone_path(lat, blocks.time)
+        deviation = _deviation(blocks, rot_b0g0, gravity, lat)
         noise = noise or TrendNoise.of(blocks.time, blocks.total, deviation[:, :2], limits)
         fit = noise.fit(deviation[:, :2])
         found_rate = float(horizontal_rate + fit.slope[0])
+        # A noise as large as the rate makes the rate found too large: the mean of that and the true one is how the
+        # heading's sigma falls with it (the concentration of a direction under noise, von Mises')
+        rate = math.sqrt(horizontal_rate * abs(found_rate)) if heading is None else math.inf
 
         # Attitude now: the vertical where it is at the end, not where the fit had it at the start
         rot_g0b = (Rotation.from_quat(self.cone.q_b0b).inv() * Rotation.from_matrix(rot_b0g0)).inv()
@@ -230,28 +233,35 @@ class CoarseAlignment:
         axis = np.array([0.0, math.cos(lat), math.sin(lat)])
         rot_gb = Rotation.from_rotvec(-RATE * self.cone.time * axis) * tilt * rot_g0b
 
-        covariance = self._covariance(fit, gravity, lat, found_rate if heading is None else math.inf)
+        covariance = self._covariance(fit, gravity, lat, rate)
+        turn = excess = 0.0
         if heading is None:
             self._check_rate(fit, found_rate, horizontal_rate, lat, covariance)
         else:
             forward = rot_gb.as_matrix()[:, 0]
             turn = math.atan2(forward[0], forward[1]) - heading
-            covariance[:2, :2] += np.eye(2) * self._excess(fit, horizontal_rate) ** 2
+            excess = self._excess(fit, horizontal_rate)
+            covariance[:2, :2] += np.eye(2) * excess**2
             covariance[2, 2] = heading_stddev**2
             rot_gb = Rotation.from_rotvec([0.0, 0.0, turn]) * rot_gb
-        velocity, speed_stddev = self._end_velocity(blocks, noise, deviation, fit, gravity, lat, rot_b0g0)
+        velocity, velocity_stddev = self._end_velocity(blocks, noise, deviation, fit, gravity, lat, rot_b0g0, limits)
+        yaw = turn - RATE * math.sin(lat) * self.cone.time  # since time 0, and to the heading given
+        east, north, up = Rotation.from_rotvec([0.0, 0.0, yaw]).apply(velocity)
+        turned = math.sqrt(covariance[2, 2]) * math.hypot(*velocity[:2])
+        mistaken = 0.5 * self.cone.time * gravity * excess  # an acceleration taken for tilt, and its velocity with it
+        velocity_stddev = math.hypot(velocity_stddev, turned, mistaken)
         q = rot_gb.as_quat()
         return Alignment(
             (float(q[0]), float(q[1]), float(q[2]), float(q[3])),
             covariance,
-            velocity,
-            speed_stddev,
+            (float(east), float(north), float(up)),
+            velocity_stddev,
             gravity / normal,
             found_rate - horizontal_rate,
-            math.sqrt(float(limits[1])),
-            gravity * math.sqrt(float(limits[0]) * blocks.length),
-            math.sqrt(fit.slope_variance) / abs(found_rate) if heading is None else heading_stddev,
-            self._joint(covariance, rot_gb, gravity, lat, found_rate if heading is None else math.inf),
+            math.sqrt(float(noise.sensor_noise[1])),
+            gravity * math.sqrt(float(noise.sensor_noise[0]) * blocks.length),
+            math.sqrt(fit.slope_variance) / rate if heading is None else heading_stddev,
+            self._joint(covariance, rot_gb, gravity, lat, rate),
         )
 
     def _joint(
@@ -327,22 +337,26 @@ class CoarseAlignment:
         gravity: float,
         lat: float,
         rot_b0g0: NDArray[np.float64],
-    ) -> tuple[tuple[float, float, float], float]:
-        """Velocity at the end of a base that surges and heaves but goes nowhere: its mean over the time is zero."""
-        residual = gravity * deviation
-        residual[:, :2] -= gravity * noise.walk_part(deviation[:, :2], fit)
+        limits: NDArray[np.float64],
+    ) -> tuple[NDArray[np.float64], float]:
+        """Velocity at the end of a base that surges and heaves but goes nowhere: east and north at time 0, up.
+
+        Also its standard deviation, but for the azimuth's.
+        """
+        unit = gravity * blocks.length
+        horizontal, variance = noise.velocity(deviation[:, :2], fit)
+        heave = deviation[:, 2:]
+        seeming = np.cumsum(heave - heave.mean(), axis=0)
+        if unit * math.sqrt((horizontal**2).sum(axis=1).mean() + (seeming**2).mean()) < _REST_SPEED:
+            return np.zeros(3), _REST_SPEED
+        heave_noise = TrendNoise.of(blocks.time, blocks.total, heave, limits)
+        vertical, heave_variance = heave_noise.velocity(heave, heave_noise.fit(heave))
         rest = self.cone.rest_time
         vertical_now = cone_path(lat, np.array([self.cone.time - 0.5 * rest]))[0] + [*fit.end, 0.0]
-        since = np.array(self.cone.rest) @ rot_b0g0 - gravity * rest * vertical_now
-        velocity = np.cumsum(residual, axis=0) * blocks.length
-        drift = np.vander(blocks.time / blocks.total, 3)  # what slow errors of the accelerometers leave
-        velocity -= drift @ np.linalg.lstsq(drift, velocity, rcond=None)[0]
-        rms = np.sqrt((velocity**2).mean(axis=0))
-        moving = rms > _REST_SPEED
-        last = np.where(moving, velocity[-1] + since, 0.0)
-        stddev = float(np.where(moving, 0.5 * rms, 0.2 * _REST_SPEED).max())
-        east, north, vertical = Rotation.from_rotvec([0.0, 0.0, -RATE * self.cone.time]).apply(last)
-        return (float(east), float(north), float(vertical)), stddev
+        last = unit * np.concatenate([horizontal[-1], vertical[-1]])
+        last += np.array(self.cone.rest) @ rot_b0g0 - gravity * rest * vertical_now
+        stddev = math.hypot(unit * math.sqrt(max(variance, heave_variance)), _REST_SPEED)
+        return last, stddev
 
 
 def _first_guess(blocks: Blocks) -> NDArray[np.float64]:
@@ -354,3 +368,14 @@ def _first_guess(blocks: Blocks) -> NDArray[np.float64]:
         east = np.cross(up, np.eye(3)[np.argmin(np.abs(up))])
     east /= np.linalg.norm(east)
     return np.column_stack([east, np.cross(up, east), up])
+
+
+def _deviation(blocks: Blocks, rot_b0g0: NDArray[np.float64], gravity: float, lat: float) -> NDArray[np.float64]:
+    """Specific force over gravity less the vertical of its time: east, north at time 0, and along the vertical.
+
+    Heave acts along the vertical, which goes round the cone: it must not be taken for an east acceleration that grows.
+    """
+    force = blocks.force @ rot_b0g0 / gravity
+    vertical = cone_path(lat, blocks.time)
+    along = (force * vertical).sum(axis=1, keepdims=True)
+    return np.column_stack([(force - along * vertical)[:, :2], along - 1.0])
