@@ -28,13 +28,16 @@ from numpy.typing import NDArray
 
 from ins_nav import accuracy, aids, strapdown
 from ins_nav.aids import Aid, Observation, Record
+from ins_nav.attitude import rotate
 from ins_nav.coarse_alignment import Alignment
 from ins_nav.error_filter import GATE, PATIENCE, ErrorFilter, Measurement, Solution
+from ins_nav.error_model import POSITION, SIZE
 from ins_nav.feedback import Feedback
 from ins_nav.health import INFO, WARN
 from ins_nav.history import LENGTH_NS
 from ins_nav.navigator import Navigator, Phase
 from ins_nav.parameters import Value
+from ins_nav.range_search import RangeSearch, uncertain
 from ins_nav.start_place import Place, is_place
 from ins_nav.state_file import log_calibration
 from ins_nav.stop_detection import Change
@@ -113,6 +116,7 @@ class AidedNavigator(Navigator):
         self.settled_ns = self._filtered_ns = self._emitted_ns = self._began_ns = self._first_ns = 0
         self._taken_ns: dict[str, int] = {}
         self._fine_before = 0.0
+        self._searches: dict[str, RangeSearch] = {}
         self._news = False
 
     def add_fix(
@@ -426,12 +430,42 @@ class AidedNavigator(Navigator):
             part = (after, *self._without_bias(raw)[1:])
             state = strapdown.step(state, self._without_bias(self._before), part, self._instantaneous, self._vertical)
         own = self.filter.own(seen.aid) if aid.states else np.zeros(0)
-        measurement = aid.measure(self._solution(state, raw), own, seen)
-        if measurement is None and isinstance(aid, aids.Range):
-            text = f"{aids.topic(seen.aid)}: nobody knows where the beacon is: publish its fixes, or set its parameters"
-            self.health.note(f"{seen.aid} unusable", WARN, text, seen.stamp_ns)
+        solution = self._solution(state, raw)
+        if isinstance(aid, aids.Range):
+            measurement = self._ranged(aid, solution, own, seen)
+        else:
+            measurement = aid.measure(solution, own, seen)
         if measurement is not None:
             self._update(seen.aid, seen.stamp_ns, measurement, aid.settings.gate, aid.patience(seen))
+
+    def _ranged(self, aid: aids.Range, solution: Solution, own: Array, seen: Observation) -> Measurement | None:
+        """What a range says; where position is hardly known, what it says together with others (`range_search`)."""
+        assert self.filter is not None
+        name, place = seen.aid, aid.place(seen)
+        if place is None:
+            text = f"{aids.topic(name)}: nobody knows where the beacon is: publish its fixes, or set its parameters"
+            self.health.note(f"{name} unusable", WARN, text, seen.stamp_ns)
+            return None
+        beacon, variance = place
+        away, covariance = aid.meter.away(solution.state, beacon), solution.position_covariance[:2, :2]
+        if not uncertain(covariance, away):
+            self._searches.pop(name, None)
+            return aid.measure_from(beacon, variance, solution, own, seen)
+        search = self._searches.setdefault(name, RangeSearch())
+        distance = seen.value[0]
+        scale, bias = self.filter.own_stddev(name).tolist()
+        common = (scale * distance) ** 2 + bias**2
+        search.add(away, distance, variance + common, covariance)
+        found = search.settled(away)
+        if found is None:
+            sigma = math.sqrt(covariance.trace())
+            text = f"{aids.topic(name)}: position is known to {sigma:.0f} m only, {distance:.0f} m away: ranges are "
+            text += "gathered until they show one place: change course"
+            self.health.note(f"{name} gathered", INFO, text, seen.stamp_ns)
+            return None
+        del self._searches[name]
+        h: Array = np.eye(2, SIZE)
+        return Measurement(-found[0], h, found[1] + common * np.eye(2), POSITION)  # many ranges do not average that
 
     def _update(
         self, name: str, stamp_ns: int, measurement: Measurement, gate: float = GATE, patience: float = PATIENCE
@@ -459,6 +493,12 @@ class AidedNavigator(Navigator):
         self._filtered, self.gyro_bias, self.accel_bias = self.state, gyro, accel
         self._news = True
         self._stops.corrected(before, self.state)  # type: ignore[arg-type]
+        if self._searches:
+            x, y, z, w = self.state[7:11]
+            moved = np.subtract(strapdown.position_ecef(self.state), strapdown.position_ecef(before))  # type: ignore[arg-type]
+            east, north, _ = rotate((-x, -y, -z, w), *moved.tolist())
+            for search in self._searches.values():
+                search.moved(east, north)
 
     def _rest(self, raw: strapdown.Sample) -> None:
         """The settled sample, where it is one of a stop."""

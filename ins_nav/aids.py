@@ -249,14 +249,21 @@ class Range(Aid):
         """Time that sound takes, ns."""
         return round(distance / self.sound_speed * 1e9)
 
-    def measure(self, solution: Solution, own: Array, seen: Observation) -> Measurement | None:
-        (distance,) = seen.value
+    def place(self, seen: Observation) -> tuple[Array, float] | None:
+        """Of the beacon, Earth-fixed, m, and the variance of the range with that of the place, m²; None: not known."""
         # of two ways, the stamp is that of the middle already
-        place = self.beacon.at(seen.stamp_ns - (0 if self.two_way else self.travel_ns(distance)))
-        if place is None:
-            return None
-        variance = float(seen.covariance[0, 0]) + place[1]
-        return self.meter.measure(solution, own, place[0], distance, variance)
+        found = self.beacon.at(seen.stamp_ns - (0 if self.two_way else self.travel_ns(seen.value[0])))
+        return None if found is None else (found[0], float(seen.covariance[0, 0]) + found[1])
+
+    def measure(self, solution: Solution, own: Array, seen: Observation) -> Measurement | None:
+        place = self.place(seen)
+        return None if place is None else self.measure_from(*place, solution, own, seen)
+
+    def measure_from(
+        self, beacon: Array, variance: float, solution: Solution, own: Array, seen: Observation
+    ) -> Measurement | None:
+        """The same with what `place` has said."""
+        return self.meter.measure(solution, own, beacon, seen.value[0], variance)
 
 
 @dataclass(frozen=True)

@@ -212,6 +212,11 @@ class BeaconRange:
         self.states = (scale, bias)
         self._lever_arm = lever_arm
 
+    def away(self, state: strapdown.State, beacon: ArrayLike) -> Array:
+        """From a beacon, Earth-fixed, to the transducer, on n, shape (3,), m."""
+        arm = rotate(state[0:4], *self._lever_arm)  # type: ignore[arg-type]
+        return np.add(_from_earth(state, np.subtract(strapdown.position_ecef(state), beacon)), arm)
+
     def measure(
         self, solution: Solution, own: Sequence[float] | Array, beacon: ArrayLike, distance: float, variance: float
     ) -> Measurement | None:
@@ -224,7 +229,7 @@ class BeaconRange:
         state = solution.state
         scale, bias = map(float, own)
         arm = rotate(state[0:4], *self._lever_arm)  # type: ignore[arg-type]
-        away = np.add(_from_earth(state, np.subtract(strapdown.position_ecef(state), beacon)), arm)
+        away = self.away(state, beacon)
         length = float(np.linalg.norm(away))
         if length == 0.0:
             return None  # at the beacon: no direction
