@@ -49,7 +49,7 @@ _GROWN = 5.0
 _SEEN = 15, 41
 """Measurements of an aid, at least and at most, by which its noise is judged."""
 _FAR = 4.0
-"""A test ratio above it is an outlier or a jump, not noise: twice as far as the gate is wide."""
+"""A test ratio above it is a jump, not a filter that has left: twice as far as the gate is wide."""
 _EXCESS = 4.0
 """Sigmas of a median: by less than that an aid's noise may exceed what it says by chance."""
 
@@ -275,7 +275,7 @@ class ErrorFilter:
         row of rejected ones began just outside the gate: it is the filter then that has left.
 
         An aid that thinks too well of itself is told by the median of its normalized squares: its variance is taken
-        larger by that. Outliers, being few, do not move the median.
+        larger by that. Only those within the gate count: what is outside is no noise, but an outlier or a jump.
 
         Parameters
         ----------
@@ -317,7 +317,7 @@ class ErrorFilter:
         square = float(residual @ inverse @ residual)
         sigma = tuple(math.sqrt(v) for v in s.diagonal().tolist())
         ratio = square / _limit(len(residual), gate)
-        if ratio < _FAR:
+        if ratio <= 1.0:
             track = track._replace(squares=(*track.squares, normal)[-_SEEN[1] :])
         reason = ""
         if not ratio <= 1.0:  # above, or too large to be a number

@@ -1,10 +1,10 @@
 """Where a vehicle is that hardly knows its place, by ranges to one beacon while it moves: a sum of Gaussians.
 
 A range says: somewhere on a circle. A filter that takes it for a straight line believes the wrong side of the circle,
-or too little of it, and a second range, some way on, makes it sure of that. So, as long as position is uncertain by much
-of the distance, ranges are not given to it; here they are weighed by hypotheses all around the circle, each with a small
-covariance of its own ([1]_). Once they have come together in one place, that is a measurement of position. Two places
-that are left, to either side of a straight course, stay two.
+or too little of it, and a second range, some way on, makes it sure of that. So, as long as position is uncertain by
+much of the distance, ranges are not given to it; here they are weighed by hypotheses all around the circle, each with a
+small covariance of its own ([1]_). Once they have come together in one place, that is a measurement of position. Two
+places that are left, to either side of a straight course, stay two.
 
 References
 ----------

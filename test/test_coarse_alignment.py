@@ -101,17 +101,17 @@ def test_surge_sway_and_heave(period: float) -> None:
     """Half a metre each way: accelerations up to 1.2 m/s², a million times the motion of gravity in a second."""
     s = _rocking(linear_period=period, duration=117.0, **dict.fromkeys(SURGE_SWAY_HEAVE, 0.5))
     result, error = _solved(_noisy(s, 1))
-    # a sinusoid is told from the trend: 1.01 to 1.03 of the bound of a base that does not surge measured
+    # a sinusoid is told from the trend: 0.99 to 1.01 of the bound of a base that does not surge measured
     assert abs(error[2]) < 3.0 * result.heading_stddev < 3.0 * 1.2 * _bound(117.0, s.trajectory.lat[0])
     assert np.abs(error[:2]).max() < 3.0 * math.sqrt(result.covariance[0, 0]) < math.radians(0.006)
-    # at the end of the last sample, which is not the end of a block; heading turns 0.8 m/s by 1 cm/s
+    # at the end of the last sample, which is not the end of a block: 0.003 m/s measured of 0.2 to 1.0
     np.testing.assert_allclose(result.velocity_g, s.trajectory.velocity_n[-1], atol=0.03)
     assert result.velocity_stddev < 0.03
 
 
 @pytest.mark.parametrize(("duration", "period"), [(30.0, 15.0), (60.0, 20.0), (60.0, 12.0)])
 def test_sigmas_are_true_on_long_swell(duration: float, period: float) -> None:
-    """A few periods only, of a surge of up to 1 m: heading wrong by 15° and 7 of its sigmas where they were white."""
+    """Two to five periods of a surge of up to 1 m; taken for white noise it makes errors of 4 to 11 sigmas."""
     ratios = []
     for seed in range(8):
         rng = np.random.default_rng(seed)
@@ -120,8 +120,8 @@ def test_sigmas_are_true_on_long_swell(duration: float, period: float) -> None:
         biases = {"imu.gyro_bias_stddev_deg_per_hour": 0.0, "imu.accel_bias_stddev_ug": 0.0}
         s = simulate("rocking", seed, duration=duration, rate=50.0, linear_period=period, **parameters, **biases)
         result, error = _solved(s)
-        # 60 s with this noise and no swell: 1.5°; 30 s: 4.1°
-        assert result.heading_stddev < math.radians(3.0 if duration == 60.0 else 12.0)
+        # with this noise and no swell 3.1° after 30 s, 1.1° after 60 s; 4.0° and 1.2° measured
+        assert result.heading_stddev < math.radians(1.5 if duration == 60.0 else 5.0)
         velocity = (np.array(result.velocity_g) - s.trajectory.velocity_n[-1]) / result.velocity_stddev
         ratios.append(np.r_[error / np.sqrt(np.diag(result.covariance)), velocity])
     # 1 in 10000 of 8 x 6 normal deviates; the velocities' sigma is that of the worst axis
@@ -132,7 +132,7 @@ def test_sigmas_are_true_on_long_swell(duration: float, period: float) -> None:
 
 @pytest.mark.parametrize("period", [4.0, 8.0, 15.0])
 def test_slow_surge_in_a_short_alignment(period: float) -> None:
-    """5 s of a slow surge look like a tilt, of 0.4° and more by least squares: sigma must cover what is left."""
+    """5 s of a slow surge look like a tilt of degrees: sigma must cover what is left, 0.04° to 0.2° here."""
     s = simulate("rocking", 0, duration=5.0, rate=100.0, linear_period=period, **dict.fromkeys(SURGE_SWAY_HEAVE, 0.5))
     result, error = _solved(s, heading=math.radians(30.0))
     assert np.abs(error[:2]).max() < 3.0 * math.sqrt(result.covariance[0, 0])
@@ -141,7 +141,7 @@ def test_slow_surge_in_a_short_alignment(period: float) -> None:
 def test_velocity_is_on_the_axes_of_the_heading_given() -> None:
     s = _rocking(linear_period=8.0, duration=20.0, heading_deg=100.0, **dict.fromkeys(SURGE_SWAY_HEAVE, 0.5))
     result, _ = _solved(s, heading=math.radians(100.0))
-    # 0.001 m/s measured of 0.2 to 0.3
+    # 0.001 m/s measured of 0.2 to 0.35
     np.testing.assert_allclose(result.velocity_g, s.trajectory.velocity_n[-1], atol=0.02)
 
 
