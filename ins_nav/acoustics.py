@@ -1,26 +1,31 @@
-"""Acoustic beacons: where one was when its sound left it."""
+"""Acoustic beacons: where one is that is moored, and how one moves that floats.
+
+The velocity of one that floats is a first-order Gauss-Markov process on each axis ([1]_, one order lower). Its place
+and velocity are states of the filter, beside those of the vehicle: what is not known of its way is the same for all
+ranges between two fixes, and a fix that comes later tells of the ranges before it, too.
+
+References
+----------
+.. [1] R. A. Singer, "Estimating Optimal Tracking Filter Performance for Manned Maneuvering Targets", IEEE Transactions
+       on Aerospace and Electronic Systems, 1970, vol. 6.
+"""
 
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ins_nav.earth import enu_axes, geodetic_to_ecef
-
-Array = NDArray[np.float64]
-Place = tuple[Array, float]
-"""Earth-fixed position, shape (3,), m, and the variance of each component, m²."""
+from ins_nav.error_model import SIZE, Array, SlowState
+from ins_nav.measurements import Measurement
 
 _MANOEUVRE = 30.0
 """s: correlation time of a vessel's velocity."""
+_ANYWHERE = 1e4
+"""m from its first fix, before that is taken."""
 
 
 class Beacon:
-    """A beacon that is moored, or that floats and tells its place by fixes.
-
-    The velocity of one that floats is a first-order Gauss-Markov process on each axis (R. A. Singer, "Estimating
-    Optimal Tracking Filter Performance for Manned Maneuvering Targets", IEEE Transactions on Aerospace and Electronic
-    Systems, 1970, one order lower); a Kalman filter over the fixes follows it.
+    """A beacon; own states of one that floats are its place from `reference`, m, and velocity, m/s, Earth-fixed.
 
     Parameters
     ----------
@@ -28,55 +33,53 @@ class Beacon:
         Of one that is moored, rad and m.
     speed : float
         Standard deviation of each component of the velocity of one that floats, m/s.
+
+    Attributes
+    ----------
+    reference : ndarray, shape (3,), or None
+        Earth-fixed, m: the mooring, or the first fix; None before.
+    states : tuple of SlowState
     """
 
     def __init__(self, place: tuple[float, float, float] | None, speed: float) -> None:
-        self._moored = None if place is None else geodetic_to_ecef(*place)
+        self.moored = place is not None
+        self.reference: Array | None = None if place is None else geodetic_to_ecef(*place)
         self._speed = speed
-        self._stamp_ns = 0
-        self._asked = 0
-        self._x: Array | None = None  # place and velocity, rows
-        self._p: Array = np.zeros((2, 2))  # of each axis
+        velocity = SlowState(speed, speed * math.sqrt(2.0 / _MANOEUVRE), _MANOEUVRE)
+        self.states = () if self.moored else (SlowState(_ANYWHERE, derivative=3),) * 3 + (velocity,) * 3
 
-    def take(self, stamp_ns: int, lat: float, lon: float, height: float, covariance: Array) -> None:
-        """A fix of its, later than the last; covariance on east, north, up, shape (3, 3), m²."""
-        place = geodetic_to_ecef(lat, lon, height)
-        axes = enu_axes(lat, lon)
-        variance = float(np.max((axes @ covariance @ axes.T).diagonal()))
-        if self._x is None:
-            self._x, self._p = np.array([place, np.zeros(3)]), np.diag([variance, self._speed**2])
-        else:
-            x, p = self._ahead(stamp_ns)
-            gain = p[:, 0] / (p[0, 0] + variance)
-            left = np.eye(2) - np.outer(gain, [1.0, 0.0])
-            self._x = x + np.outer(gain, place - x[0])
-            self._p = left @ p @ left.T + variance * np.outer(gain, gain)
-        self._stamp_ns = stamp_ns
-        self._asked = 0
+    def restart(self) -> None:
+        """The filter begins anew, and with it the states."""
+        if not self.moored:
+            self.reference = None
 
-    def at(self, stamp_ns: int) -> Place | None:
-        """Where it was; None when nothing is known.
+    def at(self, own: Array, ago: float) -> Array | None:
+        """Where it was so long ago, s, Earth-fixed, shape (3,), by the states in use; None when nobody knows."""
+        if self.reference is None or self.moored:
+            return self.reference
+        place: Array = self.reference + self._way(ago) @ own
+        return place
 
-        What is not known of its way since its last fix is the same for all that is measured until the next: each of
-        them is told a variance so much larger.
-        """
-        if self._moored is not None:
-            return self._moored, 0.0
-        if self._x is None:
-            return None
-        x, p = self._ahead(stamp_ns)
-        self._asked += 1
-        return x[0], self._asked * float(p[0, 0])
+    def columns(self, direction: Array, ago: float) -> Array:
+        """Of the states, shape (k,): what a measure along a direction, Earth-fixed, changes with."""
+        return np.zeros(0) if self.moored else np.asarray(direction @ self._way(ago), float)
 
-    def _ahead(self, stamp_ns: int) -> tuple[Array, Array]:
-        """State and covariance at another time; the same for before, where it is the sound's way that is meant."""
-        assert self._x is not None
-        time = (stamp_ns - self._stamp_ns) * 1e-9
-        tau = math.copysign(_MANOEUVRE, time)
-        kept = math.exp(-time / tau)
-        phi = np.array([[1.0, tau * (1.0 - kept)], [0.0, kept]])
-        # integrals of the impulse response of place, tau (1 - exp(-t / tau)), and of velocity, exp(-t / tau)
-        once, twice = abs(tau) * (1.0 - kept), 0.5 * abs(tau) * (1.0 - kept**2)
-        across = math.copysign(abs(tau) * (once - twice), time)
-        q = np.array([[tau**2 * (abs(time) - 2.0 * once + twice), across], [across, twice]])
-        return phi @ self._x, phi @ self._p @ phi.T + 2.0 * self._speed**2 / abs(tau) * q
+    def measure(self, own: Array, fix: tuple[float, float, float], covariance: Array, ago: float) -> Measurement:
+        """What a fix says that was true so long ago, s; rad and m, covariance on east, north, up, shape (3, 3), m²."""
+        place, axes = geodetic_to_ecef(*fix), enu_axes(fix[0], fix[1])
+        if self.reference is None:
+            self.reference = place
+        r = axes @ covariance @ axes.T + self._wandered(ago) * np.eye(3)
+        way = self._way(ago)
+        return Measurement(self.reference + way @ own - place, np.zeros((3, SIZE)), r, None, way)
+
+    def _way(self, ago: float) -> Array:
+        """From the states of the present to the place of a time ago, shape (3, 6)."""
+        back = _MANOEUVRE * (1.0 - math.exp(-ago / _MANOEUVRE))
+        return np.hstack([np.eye(3), -back * np.eye(3)])
+
+    def _wandered(self, ago: float) -> float:
+        """Variance, m², of each component of that way, when velocity at one end of it is known."""
+        kept = math.exp(-ago / _MANOEUVRE)
+        along = 2.0 * ago / _MANOEUVRE - 3.0 + 4.0 * kept - kept**2
+        return max(0.0, (self._speed * _MANOEUVRE) ** 2 * along)

@@ -17,28 +17,29 @@ References
 """
 
 import heapq
-import itertools
 import math
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ins_nav import accuracy, aids, strapdown
-from ins_nav.aids import Aid, Observation, Record
+from ins_nav.aid_intake import AidIntake
+from ins_nav.aids import Observation, Record
 from ins_nav.attitude import rotate
 from ins_nav.coarse_alignment import Alignment
-from ins_nav.error_filter import GATE, PATIENCE, ErrorFilter, Measurement, Solution
+from ins_nav.error_filter import ErrorFilter, Measurement, Solution
 from ins_nav.error_model import POSITION, SIZE
 from ins_nav.feedback import Feedback
+from ins_nav.gating import GATE, PATIENCE
 from ins_nav.health import INFO, WARN
 from ins_nav.history import LENGTH_NS
-from ins_nav.navigator import Navigator, Phase
+from ins_nav.navigator import Phase
 from ins_nav.parameters import Value
 from ins_nav.range_search import RangeSearch, uncertain
-from ins_nav.start_place import Place, is_place
+from ins_nav.start_place import Place
 from ins_nav.state_file import log_calibration
 from ins_nav.stop_detection import Change
 from ins_nav.stop_records import Triple
@@ -55,15 +56,13 @@ _APPLY_NS = 1_000_000_000
 """ns of data after which a feedback takes effect: the time its way through DDS may take without being seen."""
 _MISSED = 30.0
 """s without an accepted message of an aid that are worth a warning."""
-_AHEAD_NS = 5_000_000_000
-"""ns: a stamp further ahead of the IMU's is of another clock."""
 _SAME_NS = 1_000_000_000
 """ns by which two alignments may begin apart and be the same."""
 _TYPICAL_NOISE = (math.radians(0.1) / 60.0, 1e-3)
 """rad/√s and m/s/√s: of a tactical IMU, where it could not be learnt at rest."""
 
 
-class AidedNavigator(Navigator):
+class AidedNavigator(AidIntake):
     """A navigator with the filter; ``state`` and ``settled_ns`` lag behind the samples.
 
     Parameters
@@ -86,9 +85,6 @@ class AidedNavigator(Navigator):
     """
 
     def __init__(self, overrides: Mapping[str, object] | None = None) -> None:
-        self._aids: dict[str, Aid] = {}
-        self._queue: list[Observation] = []
-        self._count = itertools.count()
         self.filter: ErrorFilter | None = None
         super().__init__(overrides)
         self._lag_ns = max(SETTLE_NS, round(self._number("aiding.max_delay") * 1e9))
@@ -97,13 +93,9 @@ class AidedNavigator(Navigator):
         self._until_aligned = bool(self.parameters["aiding.until_aligned"])
         self._stops = StopUpdates(self.parameters, self.health)
 
-    # --- what comes in
-
     def _begin(self) -> None:
         self.filter = None
         super()._begin()
-        self._queue.clear()
-        self._aids = aids.make(self.parameters)
         self._out: list[Feedback] = []
         self._recent: deque[tuple[int, strapdown.Sample]] = deque()
 
@@ -113,148 +105,11 @@ class AidedNavigator(Navigator):
         self.filter = None
         self.records: dict[str, Record] = {}
         self._pending: deque[tuple[int, strapdown.Sample]] = deque()
-        self.settled_ns = self._filtered_ns = self._emitted_ns = self._began_ns = self._first_ns = 0
+        self._filtered_ns = self._emitted_ns = self._first_ns = 0
         self._taken_ns: dict[str, int] = {}
         self._fine_before = 0.0
         self._searches: dict[str, RangeSearch] = {}
         self._news = False
-
-    def add_fix(
-        self,
-        stamp_ns: int,
-        status: int,
-        latitude_deg: float,
-        longitude_deg: float,
-        height: float,
-        covariance: Sequence[float] = (),
-    ) -> None:
-        """Take a satellite fix: the first place of all, then an aid.
-
-        Parameters
-        ----------
-        stamp_ns, status, latitude_deg, longitude_deg, height
-            As in `Navigator.add_fix`.
-        covariance : sequence of float
-            East, north, up, row by row, m²; empty: not given.
-        """
-        super().add_fix(stamp_ns, status, latitude_deg, longitude_deg, height, covariance)
-        place = math.radians(latitude_deg), math.radians(longitude_deg), height if math.isfinite(height) else math.nan
-        if status < 0 or not is_place(latitude_deg, longitude_deg, height):
-            return  # told already
-        self._observe(aids.GNSS, stamp_ns, place, covariance, 3)
-
-    def add_gnss_velocity(self, stamp_ns: int, velocity: Triple, covariance: Sequence[float] = ()) -> None:
-        """Take a velocity on east, north, up, m/s (up may be NaN); covariance row by row, m²/s², or empty."""
-        if all(map(math.isfinite, velocity[:2])):
-            self._observe(aids.GNSS_VELOCITY, stamp_ns, velocity, covariance, 3)
-        else:
-            self._unusable(aids.GNSS_VELOCITY, stamp_ns, velocity)
-
-    def add_log(self, stamp_ns: int, velocity: Triple, covariance: Sequence[float] = ()) -> None:
-        """Take a velocity on the log's axes, m/s, NaN for an axis not measured; covariance row by row, or empty.
-
-        Zero on all three axes is what some logs say that have lost the bottom: it is left out.
-        """
-        if any(map(math.isfinite, velocity)) and velocity != (0.0, 0.0, 0.0):
-            self._observe(aids.LOG, stamp_ns, velocity, covariance, 3)
-        else:
-            self._unusable(aids.LOG, stamp_ns, velocity)
-
-    def add_depth(self, stamp_ns: int, depth: float, variance: float = 0.0) -> None:
-        """Take a depth, m, down positive, and its variance, m²; 0: not given."""
-        if math.isfinite(depth):
-            self._observe(aids.DEPTH, stamp_ns, (depth,), (variance,), 1)
-        else:
-            self._unusable(aids.DEPTH, stamp_ns, (depth,))
-
-    def add_pressure(self, stamp_ns: int, pressure: float, variance: float = 0.0) -> None:
-        """Take an absolute pressure under water, Pa, and its variance, Pa²; 0: not given."""
-        if math.isfinite(pressure) and pressure > 0.0:
-            self._observe(aids.PRESSURE, stamp_ns, (pressure,), (variance,), 1)
-        else:
-            self._unusable(aids.PRESSURE, stamp_ns, (pressure,))
-
-    def add_range(
-        self,
-        stamp_ns: int,
-        beacon: str,
-        distance: float,
-        variance: float = 0.0,
-        limits: tuple[float, float] = (0.0, math.inf),
-    ) -> None:
-        """Take a slant range to a beacon, m, its variance, m² (0: not given), and least and greatest range."""
-        name = aids.range_name(beacon)
-        aid = self._aids.get(name)
-        if math.isfinite(distance) and distance > 0.0 and limits[0] <= distance <= limits[1]:
-            if isinstance(aid, aids.Range) and aid.two_way:
-                stamp_ns -= aid.travel_ns(distance)
-            self._observe(name, stamp_ns, (distance,), (variance,), 1)
-        else:
-            self._unusable(name, stamp_ns, (distance,))
-
-    def add_beacon_fix(
-        self,
-        stamp_ns: int,
-        beacon: str,
-        status: int,
-        latitude_deg: float,
-        longitude_deg: float,
-        height: float,
-        covariance: Sequence[float] = (),
-    ) -> None:
-        """Take a fix of a beacon that floats, as in `Navigator.add_fix`."""
-        name = aids.fix_name(beacon)
-        place = math.radians(latitude_deg), math.radians(longitude_deg), height
-        if status >= 0 and math.isfinite(height) and is_place(latitude_deg, longitude_deg, height):
-            self._observe(name, stamp_ns, place, covariance, 3)
-        else:
-            self._unusable(name, stamp_ns, place)
-
-    def _unusable(self, name: str, stamp_ns: int, value: tuple[float, ...]) -> None:
-        text = f"{aids.topic(name)}: {value} says nothing, left out"
-        self.health.note(f"{name} unusable", INFO, text, stamp_ns)
-
-    def _observe(
-        self, name: str, stamp_ns: int, value: tuple[float, ...], covariance: Sequence[float], size: int
-    ) -> None:
-        aid = self._aids.get(name)
-        if aid is None or self.stamp_ns == 0:
-            return
-        stamp_ns -= aid.settings.delay_ns
-        topic, queue = aids.topic(name), self._queue
-        if self.filter is not None and stamp_ns <= self._began_ns:
-            return
-        if self.filter is not None and stamp_ns <= self.settled_ns:
-            late = (self.stamp_ns - stamp_ns) * 1e-9
-            self.health.note(
-                f"{name} late",
-                WARN,
-                f"{topic}: {late:.2f} s behind imu/data_raw, left out: raise aiding.max_delay, or check its clock",
-                stamp_ns,
-            )
-            return
-        if stamp_ns - self.stamp_ns > _AHEAD_NS:
-            ahead = (stamp_ns - self.stamp_ns) * 1e-9
-            self.health.note(
-                f"{name} ahead",
-                WARN,
-                f"{topic}: {ahead:.1f} s ahead of imu/data_raw, left out: both must be stamped by one clock",
-                self.stamp_ns,
-            )
-            return
-        missing = [i for i, x in enumerate(value) if not math.isfinite(x)]
-        used = aid.settings.covariance(covariance, size, missing)
-        heapq.heappush(queue, Observation(stamp_ns, name, value, next(self._count), used))
-        if self.filter is None:  # it will begin later
-            self._forget(self.stamp_ns - LENGTH_NS)
-
-    def _forget(self, until_ns: int) -> None:
-        """Observations up to a stamp are of no use; but where a beacon was is."""
-        while self._queue and self._queue[0].stamp_ns <= until_ns:
-            seen = heapq.heappop(self._queue)
-            aid = self._aids[seen.aid]
-            if isinstance(aid, aids.BeaconFix):
-                aid.keep(seen)
 
     def own_states(self, name: str) -> list[tuple[float, float]]:
         """Value and sigma of the states that an aid has in the filter."""
@@ -356,6 +211,7 @@ class AidedNavigator(Navigator):
         self._filtered = self.state
         self.settled_ns = self._filtered_ns = self._emitted_ns = self._began_ns = stamp_ns
         self._forget(stamp_ns)
+        self._recall()
         detector = self.stops.detector
         self._stops.begin(detector.since_ns if detector.stopped else None)
 
@@ -412,6 +268,17 @@ class AidedNavigator(Navigator):
         assert self.filter is not None
         return self.filter.solution(state, self._without_bias(raw)[1:4], self.gyro_bias)  # type: ignore[arg-type]
 
+    def _rate(self, after: float, raw: strapdown.Sample) -> Triple:
+        """Angular rate so long after the settled sample, s, of which ``raw`` is the next: means are of the middles."""
+        first, second, share = self._before, raw, after / raw[0]
+        if not self._instantaneous:
+            share += 0.5
+            if share > 1.0 and self._pending:
+                first, second, share = raw, self._pending[0][1], share - 1.0
+        x, y, z = (a + min(share, 1.0) * (b - a) for a, b in zip(first[1:4], second[1:4], strict=True))
+        gx, gy, gz = self.gyro_bias
+        return x - gx, y - gy, z - gz
+
     def _take_aid(self, seen: Observation, raw: strapdown.Sample) -> None:
         """An observation between the settled sample and the next."""
         aid = self._aids[seen.aid]
@@ -429,28 +296,35 @@ class AidedNavigator(Navigator):
         if after > 0.0:
             part = (after, *self._without_bias(raw)[1:])
             state = strapdown.step(state, self._without_bias(self._before), part, self._instantaneous, self._vertical)
-        own = self.filter.own(seen.aid) if aid.states else np.zeros(0)
-        solution = self._solution(state, raw)
+        now_ns = max(seen.stamp_ns, self.settled_ns)
+        own = self.filter.own(seen.aid, aid.shares)
+        solution = self.filter.solution(state, self._rate(max(0.0, after), raw), self.gyro_bias, now_ns)  # type: ignore[arg-type]
+        patience = aid.patience(seen)
         if isinstance(aid, aids.Range):
             measurement = self._ranged(aid, solution, own, seen)
+            gnss = self.records.get(aids.GNSS)
+            if gnss is not None and gnss.accepted:  # satellites have said where this is: it is the beacon that lies
+                patience = 0.0
         else:
             measurement = aid.measure(solution, own, seen)
         if measurement is not None:
-            self._update(seen.aid, seen.stamp_ns, measurement, aid.settings.gate, aid.patience(seen))
+            self._update(seen.aid, now_ns, measurement, aid.settings.gate, patience)
 
     def _ranged(self, aid: aids.Range, solution: Solution, own: Array, seen: Observation) -> Measurement | None:
         """What a range says; where position is hardly known, what it says together with others (`range_search`)."""
         assert self.filter is not None
-        name, place = seen.aid, aid.place(seen)
+        name, place = seen.aid, aid.place(own, seen)
         if place is None:
             text = f"{aids.topic(name)}: nobody knows where the beacon is: publish its fixes, or set its parameters"
             self.health.note(f"{name} unusable", WARN, text, seen.stamp_ns)
             return None
-        beacon, variance = place
-        away, covariance = aid.meter.away(solution.state, beacon), solution.position_covariance[:2, :2]
-        if not uncertain(covariance, away):
+        away, covariance = aid.meter.away(solution.state, place), solution.position_covariance
+        spread = aid.spread(solution, self.filter.own_covariance(aid.shares))
+        if not uncertain(covariance[:2, :2], away):
             self._searches.pop(name, None)
-            return aid.measure_from(beacon, variance, solution, own, seen)
+            return aid.measure(solution._replace(position_covariance=covariance + spread), own, seen)
+        covariance = covariance[:2, :2]
+        variance = float(seen.covariance[0, 0] + away @ spread @ away / (away @ away))
         search = self._searches.setdefault(name, RangeSearch())
         distance = seen.value[0]
         scale, bias = self.filter.own_stddev(name).tolist()

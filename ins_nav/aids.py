@@ -13,9 +13,11 @@ import numpy as np
 
 from ins_nav import strapdown
 from ins_nav.acoustics import Beacon
+from ins_nav.attitude import rotate
 from ins_nav.earth import normal_gravity
 from ins_nav.error_filter import Measurement, Solution, Update
-from ins_nav.error_model import Array, SlowState, Vector
+from ins_nav.error_model import POSITION, Array, SlowState, Vector, rotation_matrix
+from ins_nav.gating import GATE, PATIENCE
 from ins_nav.measurements import BeaconRange, Depth, GnssPosition, GnssVelocity, Log
 from ins_nav.parameters import Value, beacon_names
 
@@ -148,10 +150,13 @@ class Aid:
     settings : Settings
     states : tuple of SlowState
         Its own in the filter.
+    shares : str
+        Another aid whose states it sees, too; ``own`` has those after its own.
     """
 
     settings: Settings
     states: tuple[SlowState, ...] = field(default=())
+    shares: str = ""
 
     def measure(self, solution: Solution, own: Array, seen: Observation) -> Measurement | None:
         """What the filter is to make of an observation; None where it says nothing."""
@@ -245,41 +250,49 @@ class Range(Aid):
     two_way: bool = False
     meter: BeaconRange = field(default_factory=BeaconRange)
 
-    def travel_ns(self, distance: float) -> int:
-        """Time that sound takes, ns."""
-        return round(distance / self.sound_speed * 1e9)
+    def travel_time(self, distance: float) -> float:
+        """Time that sound takes, s."""
+        return distance / self.sound_speed
 
-    def place(self, seen: Observation) -> tuple[Array, float] | None:
-        """Of the beacon, Earth-fixed, m, and the variance of the range with that of the place, m²; None: not known."""
-        # of two ways, the stamp is that of the middle already
-        found = self.beacon.at(seen.stamp_ns - (0 if self.two_way else self.travel_ns(seen.value[0])))
-        return None if found is None else (found[0], float(seen.covariance[0, 0]) + found[1])
+    def place(self, own: Array, seen: Observation) -> Array | None:
+        """Of the beacon when sound left it, Earth-fixed, m; None: nobody knows."""
+        return self.beacon.at(own[len(self.states) :], self._ago(seen))
 
     def measure(self, solution: Solution, own: Array, seen: Observation) -> Measurement | None:
-        place = self.place(seen)
-        return None if place is None else self.measure_from(*place, solution, own, seen)
+        place = self.place(own, seen)
+        if place is None:
+            return None
+        mine = own[: len(self.states)]
+        plain = self.meter.measure(solution, mine, place, seen.value[0], float(seen.covariance[0, 0]))
+        if plain is None or not self.shares:
+            return plain
+        assert plain.own is not None
+        from_beacon: Array = np.array(rotate(solution.state[7:11], *plain.h[0, POSITION].tolist()))  # type: ignore[arg-type]
+        columns = self.beacon.columns(-from_beacon, self._ago(seen))
+        return plain._replace(own=np.hstack([plain.own, columns[None]]), shares=self.shares)
 
-    def measure_from(
-        self, beacon: Array, variance: float, solution: Solution, own: Array, seen: Observation
-    ) -> Measurement | None:
-        """The same with what `place` has said."""
-        return self.meter.measure(solution, own, beacon, seen.value[0], variance)
+    def spread(self, solution: Solution, covariance: Array) -> Array:
+        """Covariance of the beacon's place on n, shape (3, 3), m², from that of its states."""
+        if not self.shares:
+            return np.zeros((3, 3))
+        rot_en = rotation_matrix(solution.state[7:11])  # type: ignore[arg-type]
+        spread: Array = rot_en.T @ covariance[:3, :3] @ rot_en
+        return spread
+
+    def _ago(self, seen: Observation) -> float:
+        """s from when sound left to the stamp; that of two ways is of the middle already."""
+        return 0.0 if self.two_way else self.travel_time(seen.value[0])
 
 
 @dataclass(frozen=True)
 class BeaconFix(Aid):
-    """Place of a beacon that floats: nothing for the filter by itself."""
+    """Fix of a beacon that floats: it says nothing but where the beacon is, or was."""
 
     beacon: Beacon = field(default_factory=lambda: Beacon(None, 0.0))
 
     def measure(self, solution: Solution, own: Array, seen: Observation) -> Measurement | None:
-        self.keep(seen)
-        return None
-
-    def keep(self, seen: Observation) -> None:
-        """Remember it."""
         lat, lon, height = seen.value
-        self.beacon.take(seen.stamp_ns, lat, lon, height, seen.covariance)
+        return self.beacon.measure(own, (lat, lon, height), seen.covariance, (solution.stamp_ns - seen.stamp_ns) * 1e-9)
 
 
 def make(values: Mapping[str, Value]) -> dict[str, Aid]:
@@ -307,11 +320,12 @@ def make(values: Mapping[str, Value]) -> dict[str, Aid]:
     aids: dict[str, Aid] = {
         GNSS: _Gnss(settings[GNSS], (drift,) * 3 if slow > 0.0 else ()),
         GNSS_VELOCITY: _GnssVelocity(settings[GNSS_VELOCITY]),
-        LOG: _Log(settings[LOG], log.states, log),
-        DEPTH: _Depth(settings[DEPTH], surface, _Surface(height)),
+        LOG: _Log(settings[LOG], log.states, "", log),
+        DEPTH: _Depth(settings[DEPTH], surface, "", _Surface(height)),
         PRESSURE: _Pressure(
             settings[PRESSURE],
             surface,
+            "",
             _Surface(height),
             number("pressure.surface_pressure"),
             number("pressure.density"),
@@ -333,6 +347,14 @@ def _ranges(values: Mapping[str, Value], settings: Settings) -> dict[str, Aid]:
         return float(values[name])  # type: ignore[arg-type]
 
     made: dict[str, Aid] = {}
+    fixes = replace(
+        settings,
+        default_stddev=_BEACON_STDDEV,
+        min_stddev=_BEACON_LEAST,
+        delay_ns=0,
+        gate=GATE,
+        patience=PATIENCE,
+    )
     meter = BeaconRange(
         settings.lever_arm, SlowState(number("range.scale_stddev")), SlowState(number("range.bias_stddev"))
     )
@@ -340,12 +362,10 @@ def _ranges(values: Mapping[str, Value], settings: Settings) -> dict[str, Aid]:
         lat, lon = (math.radians(number(f"range.{name}.{axis}_deg")) for axis in ("latitude", "longitude"))
         place = None if math.isnan(lat) else (lat, lon, number(f"range.{name}.height"))
         beacon = Beacon(place, number("range.beacon_speed"))
-        made[range_name(name)] = Range(
-            settings, meter.states, beacon, number("range.sound_speed"), bool(values["range.two_way"]), meter
-        )
-        if place is None:
-            plain = replace(settings, default_stddev=_BEACON_STDDEV, min_stddev=_BEACON_LEAST, delay_ns=0)
-            made[fix_name(name)] = BeaconFix(plain, (), beacon)
+        fix, two_way = "" if beacon.moored else fix_name(name), bool(values["range.two_way"])
+        made[range_name(name)] = Range(settings, meter.states, fix, beacon, number("range.sound_speed"), two_way, meter)
+        if fix:
+            made[fix] = BeaconFix(fixes, beacon.states, "", beacon)
     return made
 
 

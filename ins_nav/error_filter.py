@@ -11,14 +11,13 @@ Covariances for people: position ``P[0:3, 0:3]`` and attitude ``P[6:9, 6:9]`` on
 ``rot_bn P[3:6, 3:6] rot_nb`` (see `ins_nav.error_model`).
 """
 
-import functools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import chi2
+from numpy.typing import NDArray
 
 from ins_nav.attitude import from_rotation_vector
 from ins_nav.error_model import (
@@ -35,23 +34,8 @@ from ins_nav.error_model import (
     Vector,
     rotation_matrix,
 )
+from ins_nav.gating import GATE, PATIENCE, Track, limit, line
 from ins_nav.strapdown import State
-
-GATE = 1e-4
-"""Probability with which a good measurement is rejected."""
-PATIENCE = 60.0
-"""s without an accepted measurement of an aid, after which its agreement with itself counts for more than the gate."""
-AGREEING = 8
-"""Rejected measurements in a row that must agree with each other then."""
-
-_GROWN = 5.0
-"""So many times its sigma of before, what an aid measures is not known any more: patience has an end then, too."""
-_SEEN = 15, 41
-"""Measurements of an aid, at least and at most, by which its noise is judged."""
-_FAR = 4.0
-"""A test ratio above it is a jump, not a filter that has left: twice as far as the gate is wide."""
-_EXCESS = 4.0
-"""Sigmas of a median: by less than that an aid's noise may exceed what it says by chance."""
 
 _SMALL = math.radians(3.0)
 """A heading error of this size is an angle: the square, which the linear model leaves out, is 0.0014."""
@@ -76,7 +60,9 @@ class Measurement(NamedTuple):
     direct: slice | None
     """States it measures as such: they give way when the aid is right and the filter is not; None: the aid's own."""
     own: Array | None = None
-    """(m, k): columns of the aid's own states."""
+    """(m, k): columns of the aid's own states, then of those it shares."""
+    shares: str = ""
+    """Another aid whose states it sees, too."""
 
 
 class Solution(NamedTuple):
@@ -93,6 +79,7 @@ class Solution(NamedTuple):
     """`ErrorFilter.turn`."""
     position_covariance: Array = _EXACT
     """Shape (3, 3), on n, m²."""
+    stamp_ns: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,21 +98,6 @@ class Update:
     """Why it was rejected, or accepted although above the gate; empty otherwise."""
     noise_factor: float = 1.0
     """By which the variance of its noise was taken larger than it says."""
-
-
-class _Track(NamedTuple):
-    """History of an aid."""
-
-    accepted_ns: int | None
-    """Stamp of the last measurement accepted."""
-    rejected: tuple[tuple[int, Array], ...]
-    """The last few rejected since."""
-    variance: float = math.inf
-    """Predicted, of what it measures (its trace), when one was last accepted."""
-    drifts: bool = False
-    """They began with one just outside the gate: no jump, but a filter that has lost its way."""
-    squares: tuple[float, ...] = ()
-    """Normalized squares of the last innovations a degree of freedom, over the median that they should have."""
 
 
 class ErrorFilter:
@@ -184,18 +156,24 @@ class ErrorFilter:
             self._open_heading()
         self._own_walk: Array = np.array([s.walk**2 for s in own])
         self._own_rate: Array = np.array([1.0 / s.correlation_time for s in own])
-        self._relaxes = any(math.isfinite(s.correlation_time) for s in (*model.slow, *own))
-        self._tracks: dict[str, _Track] = {}
+        self._integrals = [(i, i + s.derivative) for i, s in enumerate(own) if s.derivative]
+        self._relaxes = bool(self._integrals) or any(math.isfinite(s.correlation_time) for s in (*model.slow, *own))
+        self._tracks: dict[str, Track] = {}
 
-    def own(self, aid: str) -> Array:
-        """The aid's own states in use."""
-        own = self._own[aid]
-        return self.values[own] + self._start[own.start - SIZE : own.stop - SIZE]
+    def own(self, *aids: str) -> Array:
+        """The own states in use of aids, one after the other; of those that have none, none."""
+        columns = self._columns(aids)
+        values: Array = self.values[columns] + self._start[columns - SIZE]
+        return values
 
-    def own_stddev(self, aid: str) -> Array:
+    def own_covariance(self, *aids: str) -> Array:
+        """Their covariance."""
+        columns = self._columns(aids)
+        return self.p[np.ix_(columns, columns)]
+
+    def own_stddev(self, *aids: str) -> Array:
         """Their sigmas."""
-        stddev: Array = np.sqrt(self.p.diagonal()[self._own[aid]])
-        return stddev
+        return np.sqrt(self.own_covariance(*aids).diagonal())
 
     @property
     def heading_stddev(self) -> float:
@@ -221,9 +199,9 @@ class ErrorFilter:
         """Mean square of a unit vector's change when the heading error is taken out."""
         return float(self.p[HEADING, HEADING] + self.p[COSINE, COSINE] + self.x[COSINE] ** 2)
 
-    def solution(self, state: State, rate: Vector, gyro_bias: Vector) -> Solution:
+    def solution(self, state: State, rate: Vector, gyro_bias: Vector, stamp_ns: int = 0) -> Solution:
         """What aids see, at the state's stamp; ``rate`` has the bias removed."""
-        return Solution(state, rate, gyro_bias, self.travels(state), self.turn, self.p[POSITION, POSITION])
+        return Solution(state, rate, gyro_bias, self.travels(state), self.turn, self.p[POSITION, POSITION], stamp_ns)
 
     def propagate(self, before: State, after: State, duration: float) -> None:
         """Carry the covariance from one state of the mechanization to the next.
@@ -247,8 +225,7 @@ class ErrorFilter:
         if size > SIZE:
             full, more = np.zeros((size, size)), np.zeros((size, size))
             full[:SIZE, :SIZE], more[:SIZE, :SIZE] = core, half
-            decay = np.exp(-duration * self._own_rate)
-            np.einsum("ii->i", full)[SIZE:] = decay
+            full[SIZE:, SIZE:] = self._own_transition(duration)
             np.einsum("ii->i", more)[SIZE:] = (0.5 * duration) * self._own_walk
             core, half = full, more
         p = core @ (self.p + half) @ core.T
@@ -259,7 +236,16 @@ class ErrorFilter:
             self._open_heading()
         if self._relaxes:  # the value in use stays: what is true tends to the one at the start
             self.x[9:COSINE] += (1.0 - core.diagonal()[9:COSINE]) * self.values[9:COSINE]
-            self.x[SIZE:] += (1.0 - core.diagonal()[SIZE:]) * self.values[SIZE:]
+            self.x[SIZE:] += self.values[SIZE:] - core[SIZE:, SIZE:] @ self.values[SIZE:]
+
+    def _own_transition(self, duration: float) -> Array:
+        """Of the aids' states, shape (k, k)."""
+        decay = np.exp(-duration * self._own_rate)
+        phi: Array = np.diag(decay)
+        for i, j in self._integrals:
+            rate = self._own_rate[j]
+            phi[i, j] = (1.0 - decay[j]) / rate if rate > 0.0 else duration
+        return phi
 
     def update(
         self, aid: str, stamp_ns: int, measurement: Measurement, gate: float = GATE, patience: float = PATIENCE
@@ -292,12 +278,12 @@ class ErrorFilter:
         -------
         Update
         """
-        innovation, h_core, r, direct, h_own = measurement
+        innovation, h_core, r, direct, h_own, shares = measurement
         if not (np.isfinite(innovation).all() and np.isfinite(r).all() and np.isfinite(h_core).all()):
             nothing = (math.nan,) * len(innovation)
             return Update(aid, stamp_ns, tuple(innovation.tolist()), nothing, math.nan, False, "not a number")
-        track = self._tracks.get(aid, _Track(None, ()))
-        factor = _excess(track.squares, len(innovation))
+        track = self._tracks.get(aid, Track())
+        factor = track.noise_factor(len(innovation))
         if direct is None:
             direct = self._own[aid]
         size = len(self.x)
@@ -306,36 +292,39 @@ class ErrorFilter:
             h = np.zeros((len(innovation), size))
             h[:, :SIZE] = h_core
             if h_own is not None:
-                h[:, self._own[aid]] = h_own
+                h[:, self._columns((aid, shares))] = h_own
         residual = innovation - h @ self.x
         ph = self.p @ h.T
         predicted = h @ ph
-        normal = float(residual @ np.linalg.solve(predicted + r, residual)) / _median(len(residual))
+        plain = float(residual @ np.linalg.solve(predicted + r, residual))
         r = factor * r
         s = predicted + r
         inverse = np.linalg.inv(s)
         square = float(residual @ inverse @ residual)
         sigma = tuple(math.sqrt(v) for v in s.diagonal().tolist())
-        ratio = square / _limit(len(residual), gate)
-        if ratio <= 1.0:
-            track = track._replace(squares=(*track.squares, normal)[-_SEEN[1] :])
+        ratio = square / limit(len(residual), gate)
         reason = ""
-        if not ratio <= 1.0:  # above, or too large to be a number
-            rejected = (*track.rejected, (stamp_ns, residual))[-AGREEING:]
-            if not track.rejected:
-                track = track._replace(drifts=ratio < _FAR)
-            unsure = track.drifts and float(predicted.trace()) > _GROWN**2 * track.variance
-            alone = patience > 0.0 and self._stands_alone(track.accepted_ns, rejected, r, 0.0 if unsure else patience)
-            if not alone or not self._widen(rejected, h, r, direct):
-                self._tracks = self._tracks | {aid: track._replace(rejected=rejected)}
+        # where patience has no end, waiting must not lock out for ever either
+        goes_on = patience > 0.0 and track.goes_on(residual, r)
+        if goes_on or not ratio <= 1.0:  # above, or too large to be a number
+            track = track.rejecting(stamp_ns, residual, ratio)
+            if not track.stands_alone(r, float(predicted.trace()), patience) or not self._widen(track, h, r, direct):
+                self._tracks = self._tracks | {aid: track}
                 return Update(aid, stamp_ns, tuple(residual.tolist()), sigma, ratio, False, "outside the gate", factor)
-            reason = f"after {len(rejected)} rejected that agree"
+            reason = f"after {len(track.rejected)} rejected that agree"
             ph = self.p @ h.T
             inverse = np.linalg.inv(h @ ph + r)
+        else:
+            track = track.seen(plain, len(residual))
         self._take(ph @ inverse, h, r, residual)
-        left = float((h @ self.p @ h.T).trace())
-        self._tracks = self._tracks | {aid: _Track(stamp_ns, (), left, False, track.squares)}
+        track = track.accepting(stamp_ns, float((h @ self.p @ h.T).trace()))
+        self._tracks = self._tracks | {aid: track}
         return Update(aid, stamp_ns, tuple(residual.tolist()), sigma, ratio, True, reason, factor)
+
+    def _columns(self, aids: Sequence[str]) -> NDArray[np.intp]:
+        """Numbers of their own states."""
+        found = [i for name in aids if name in self._own for i in range(self._own[name].start, self._own[name].stop)]
+        return np.array(found, np.intp)
 
     def _take(self, gain: Array, h: Array, r: Array, residual: Array) -> None:
         """Joseph's form."""
@@ -345,30 +334,13 @@ class ErrorFilter:
         p = left @ self.p @ left.T + gain @ r @ gain.T
         self.p = 0.5 * (p + p.T)
 
-    def _stands_alone(
-        self, accepted_ns: int | None, rejected: tuple[tuple[int, Array], ...], r: Array, patience: float
-    ) -> bool:
-        """Whether an aid was out for long enough, and what it says lies on a straight line."""
-        if len(rejected) < AGREEING:
-            return False
-        if accepted_ns is not None and (rejected[-1][0] - accepted_ns) * 1e-9 < patience:
-            return False
-        if len({len(z) for _, z in rejected}) > 1:
-            return False
-        values = np.array([z for _, z in rejected])
-        _, _, scatter = _line(rejected)
-        inverse = np.linalg.inv(r)
-        jump = float(np.einsum("ij,jk,ik->", values, inverse, values)) / values.size
-        # three sigma, and for those who think too well of themselves a tenth of the jump
-        return float(np.einsum("ij,jk,ik->", scatter, inverse, scatter)) / values.size < max(9.0, 0.01 * jump)
-
-    def _widen(self, rejected: tuple[tuple[int, Array], ...], h: Array, r: Array, direct: slice) -> bool:
+    def _widen(self, track: Track, h: Array, r: Array, direct: slice) -> bool:
         """Let the covariance grow until the last measurement fits; whether that is possible."""
         p = self.p.copy()
-        if not _grow(p, direct, h[:, direct], rejected[-1][1], h @ p @ h.T + r):
+        if not _grow(p, direct, h[:, direct], track.rejected[-1][1], h @ p @ h.T + r):
             return False
         if direct == POSITION:
-            slope, variance, _ = _line(rejected)
+            slope, variance, _ = line(track.rejected)
             ahead = h[:, direct] @ p[VELOCITY, VELOCITY] @ h[:, direct].T + variance * r
             _grow(p, VELOCITY, h[:, direct], slope, ahead)
         self.p = p
@@ -448,45 +420,6 @@ def _unit(x: Array) -> tuple[float, float, float]:
     sine, cosine = float(x[HEADING]), 1.0 - float(x[COSINE])
     length = math.hypot(sine, cosine)
     return cosine / length, sine / length, length
-
-
-@functools.cache
-def _limit(size: int, probability: float) -> float:
-    """Chi-square that is exceeded with the probability."""
-    return float(chi2.isf(probability, size))
-
-
-@functools.cache
-def _median(size: int) -> float:
-    """Of chi-square."""
-    return float(chi2.median(size))
-
-
-@functools.cache
-def _median_stddev(size: int, count: int) -> float:
-    """Of the median of so many chi-squares over what it should be, by the density there."""
-    return float(1.0 / (2.0 * chi2.pdf(_median(size), size) * _median(size) * math.sqrt(count)))
-
-
-def _excess(squares: tuple[float, ...], size: int) -> float:
-    """By how much an aid's variance is larger than it says; 1 where that may be chance."""
-    if len(squares) < _SEEN[0]:
-        return 1.0
-    ratio = sorted(squares)[len(squares) // 2]
-    return ratio if ratio > 1.0 + _EXCESS * _median_stddev(size, len(squares)) else 1.0
-
-
-def _line(points: tuple[tuple[int, Array], ...]) -> tuple[Array, float, Array]:
-    """Straight line through measurements: its slope a second, variance of that for unit noise, deviations from it."""
-    time = np.array([(stamp - points[0][0]) * 1e-9 for stamp, _ in points])
-    values = np.array([z for _, z in points])
-    time -= time.mean()
-    deviations = values - values.mean(axis=0)
-    total = float(time @ time)
-    if total == 0.0:
-        return np.zeros(values.shape[1]), math.inf, deviations
-    slope = time @ deviations / total
-    return slope, 1.0 / total, deviations - np.outer(time, slope)
 
 
 def _grow(p: Array, states: slice, h: Array, misfit: Array, predicted: Array) -> bool:

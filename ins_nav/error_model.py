@@ -67,7 +67,7 @@ SIZE = 16
 
 @dataclass(frozen=True)
 class SlowState:
-    """A quantity that is constant, walks at random, or is a first-order Gauss-Markov process.
+    """A quantity that is constant, walks at random, is a first-order Gauss-Markov process, or the integral of another.
 
     Attributes
     ----------
@@ -80,12 +80,15 @@ class SlowState:
         filter, and its stationary deviation from it is ``walk * sqrt(correlation_time / 2)``.
     value : float
         At the start, of an aid's state.
+    derivative : int
+        How many places further on among the aid's states its derivative is; 0: it has none.
     """
 
     stddev: float = 0.0
     walk: float = 0.0
     correlation_time: float = math.inf
     value: float = 0.0
+    derivative: int = 0
 
 
 ABSENT = SlowState()

@@ -1,26 +1,24 @@
-"""A beacon that floats: followed, with a variance that is true; one that is moored."""
+"""A beacon that floats: followed by the filter, with a covariance that is true; one that is moored."""
 
 import math
 
 import numpy as np
 import pytest
 
-from ins_nav import earth
+from ins_nav import earth, strapdown
 from ins_nav.acoustics import Beacon
+from ins_nav.error_filter import ErrorFilter
+from ins_nav.error_model import ErrorModel
 
 LAT, LON = 0.97, 0.6
 SECOND = 10**9
+NONE = (0.0, 0.0, 0.0)
+MODEL = ErrorModel(vertical=True, gyro_noise=1e-6, accel_noise=1e-4)
+STATE = strapdown.initial_state(LAT, LON, 0.0, NONE, (0.0, 0.0, 0.0, 1.0))
 
 
-def test_moored() -> None:
-    beacon = Beacon((LAT, LON, -50.0), 1.0)
-    place = beacon.at(5)
-    assert place is not None and place[1] == 0.0
-    np.testing.assert_array_equal(place[0], earth.geodetic_to_ecef(LAT, LON, -50.0))
-
-
-def test_nothing_is_known_before_the_first_fix() -> None:
-    assert Beacon(None, 1.0).at(0) is None
+def _filter(beacon: Beacon) -> ErrorFilter:
+    return ErrorFilter(MODEL, (1.0,) * 3, (0.1,) * 3, 1e-6 * np.eye(3), {"ship": beacon.states})
 
 
 def _geodetic(east: float, north: float) -> tuple[float, float, float]:
@@ -28,43 +26,90 @@ def _geodetic(east: float, north: float) -> tuple[float, float, float]:
     return LAT + north / meridian, LON + east / (prime_vertical * math.cos(LAT)), 0.0
 
 
-def test_followed_round_a_circle_with_a_true_variance() -> None:
-    """1 m/s round 50 m, fixes of 0.5 m each second; looked at between them and a second before the last."""
+def _fix(kalman: ErrorFilter, beacon: Beacon, east: float, north: float, stddev: float, ago: float = 0.0) -> None:
+    fix = beacon.measure(kalman.own("ship"), _geodetic(east, north), stddev**2 * np.eye(3), ago)
+    assert kalman.update("ship", 0, fix).accepted
+    kalman.feed_back(STATE, NONE, NONE)
+
+
+def _place(kalman: ErrorFilter, beacon: Beacon, ago: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    """East, north of where it was, and the covariance of that."""
+    axes = earth.enu_axes(LAT, LON)[:, :2]
+    # what was not fed back yet is still an error of the states in use
+    own = kalman.own("ship") - kalman.x[-6:]
+    place = beacon.at(own, ago)
+    assert place is not None
+    way = np.vstack([beacon.columns(axis, ago) for axis in axes.T])
+    return axes.T @ (place - earth.geodetic_to_ecef(LAT, LON, 0.0)), way @ kalman.own_covariance("ship") @ way.T
+
+
+def test_moored() -> None:
+    beacon = Beacon((LAT, LON, -50.0), 1.0)
+    assert beacon.moored and beacon.states == () and beacon.columns(np.ones(3), 1.0).size == 0
+    beacon.restart()
+    np.testing.assert_array_equal(beacon.at(np.zeros(0), 5.0), earth.geodetic_to_ecef(LAT, LON, -50.0))
+
+
+def test_nothing_is_known_before_the_first_fix_and_after_a_restart() -> None:
+    beacon = Beacon(None, 1.0)
+    assert beacon.at(np.zeros(6), 0.0) is None
+    _fix(_filter(beacon), beacon, 3.0, 4.0, 1.0)
+    assert beacon.at(np.zeros(6), 0.0) is not None
+    beacon.restart()
+    assert beacon.at(np.zeros(6), 0.0) is None
+
+
+def test_followed_round_a_circle_with_a_true_covariance() -> None:
+    """1 m/s round 50 m, fixes of 0.5 m each second; looked at half a second after each, and where it was then."""
     rng = np.random.default_rng(0)
-    ratios = []
-    for _ in range(10):
+    squares = []
+    for _ in range(5):
         beacon = Beacon(None, 1.0 / math.sqrt(2.0))
-        phase = rng.uniform(0.0, 6.3)
-        for second in range(200):
+        kalman, phase = _filter(beacon), rng.uniform(0.0, 6.3)
+        for second in range(100):
             angle = phase + second / 50.0
-            place = _geodetic(*(50.0 * np.array([math.cos(angle), math.sin(angle)]) + 0.5 * rng.standard_normal(2)))
-            beacon.take(second * SECOND, *place, 0.25 * np.eye(3))
-            at = second + rng.uniform(-0.5, 0.8)
-            angle = phase + at / 50.0
-            found = beacon.at(round(at * SECOND))
-            assert found is not None
-            true = earth.geodetic_to_ecef(*_geodetic(50.0 * math.cos(angle), 50.0 * math.sin(angle)))
+            here = 50.0 * np.array([math.cos(angle), math.sin(angle)])
+            _fix(kalman, beacon, *(here + 0.5 * rng.standard_normal(2)), 0.5)
+            kalman.propagate(STATE, STATE, 0.5)
             if second > 20:
-                off = earth.enu_axes(LAT, LON).T @ (found[0] - true)
-                ratios.append(off[:2] / math.sqrt(found[1]))
-    # 3600 ratios, neighbours alike for some 5 s: 3 %; a circle is smoother than a process with such a velocity
-    assert 0.75 < float(np.sqrt(np.mean(np.square(ratios)))) < 1.05
+                for ago in (0.0, 0.5):
+                    found, covariance = _place(kalman, beacon, ago)
+                    angle = phase + (second + 0.5 - ago) / 50.0
+                    off = found - 50.0 * np.array([math.cos(angle), math.sin(angle)])
+                    squares.append(off @ np.linalg.solve(covariance, off) / 2.0)
+            kalman.propagate(STATE, STATE, 0.5)
+    # 800 squares, neighbours alike for some 5 s: 6 %; a circle is smoother than a process with such a velocity
+    assert 0.6 < float(np.sqrt(np.mean(squares))) < 1.1
 
 
-def test_the_variance_grows_with_age() -> None:
+def test_sigma_grows_with_time() -> None:
     sigmas = []
-    for second in (0, 1, 10, 100):
+    for seconds in (0, 1, 10, 100):
         beacon = Beacon(None, 1.0)
-        beacon.take(0, LAT, LON, 0.0, np.eye(3))
-        first, again = beacon.at(second * SECOND), beacon.at(second * SECOND)
-        assert first is not None and again is not None
-        assert again[1] == 2.0 * first[1]  # the same error once more
-        sigmas.append(math.sqrt(first[1]))
-    # velocity unknown by 1 m/s: at first as time, then as its root
-    assert sigmas[:2] == pytest.approx([1.0, math.sqrt(2.0)], rel=0.01)
-    assert 8.0 < sigmas[2] < 10.1 and 50.0 < sigmas[3] < 80.0
-    still = Beacon(None, 0.0)
-    for second in range(4):
-        still.take(second * SECOND, LAT, LON, 0.0, np.eye(3))
-    place = still.at(1000 * SECOND)
-    assert place is not None and place[1] == pytest.approx(0.25)
+        kalman = _filter(beacon)
+        _fix(kalman, beacon, 0.0, 0.0, 1.0)
+        for _ in range(10 * seconds):
+            kalman.propagate(STATE, STATE, 0.1)
+        sigmas.append(math.sqrt(_place(kalman, beacon)[1][0, 0]))
+    # velocity unknown by 1 m/s: at first as time, then as its root: 2 tau^2 (t / tau - 1 + exp(-t / tau))
+    least = [math.hypot(1.0, math.sqrt(1800.0 * (t / 30.0 - 1.0 + math.exp(-t / 30.0)))) for t in (0, 1, 10, 100)]
+    assert sigmas == pytest.approx(least, rel=2e-3)
+
+
+def test_a_late_fix_tells_as_much_as_one_in_time() -> None:
+    """10 s late, of a beacon of which nothing else is known: the same as taken then and carried on."""
+    found = []
+    for late in (False, True):
+        beacon = Beacon(None, 2.0)
+        kalman = _filter(beacon)
+        if not late:
+            _fix(kalman, beacon, 7.0, -3.0, 0.5)
+        for _ in range(100):
+            kalman.propagate(STATE, STATE, 0.1)
+        if late:
+            _fix(kalman, beacon, 7.0, -3.0, 0.5, 10.0)
+        place, covariance = _place(kalman, beacon)
+        np.testing.assert_allclose(place, [7.0, -3.0], atol=1e-3)
+        found.append(covariance)
+    # steps of 0.1 s against the integral; 10 km of what was not known at all
+    np.testing.assert_allclose(found[1], found[0], rtol=5e-3, atol=1e-2)

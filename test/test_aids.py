@@ -251,22 +251,32 @@ def test_range_is_worth_less_where_the_place_is_hardly_known() -> None:
 def test_range_to_a_beacon_that_floats() -> None:
     """It is where its sound left it: 1500 m take a second, in which it goes 2 m."""
     made = aids.make(checked_values({"range.beacons": "ship", "range.beacon_speed": 2.0}))
-    assert made["range/ship"].measure(SOLUTION, np.zeros(2), _seen("range/ship", 5.0)) is None  # where is it?
+    ranges, fixes = made["range/ship"], made["beacon/ship/fix"]
+    assert isinstance(ranges, aids.Range) and ranges.shares == "beacon/ship/fix"
+    own = np.zeros(2 + 6)
+    assert ranges.measure(SOLUTION, own, _seen("range/ship", 5.0)) is None  # where is it?
     lat, lon = math.radians(55.7), math.radians(37.6)
-    north, _ = earth.principal_radii(math.sin(lat))
-    start = lat + 1500.0 / (north + 150.0)
-    for second in range(10):
-        place = start - second * 2.0 / (north + 150.0), lon, 150.0
-        fix = Observation(second * 10**9, "beacon/ship/fix", place, 0, np.eye(3))
-        assert made["beacon/ship/fix"].measure(SOLUTION, np.zeros(0), fix) is None
-    arrived = Observation(11 * 10**9, "range/ship", (1480.0,), 0, np.eye(1) * 0.25)
-    seen = made["range/ship"].measure(SOLUTION, np.zeros(2), arrived)
-    assert seen is not None
-    # at 10.01 s it was 1480 m away; the chord is shorter by 4 mm
-    assert seen.innovation[0] == pytest.approx(1500.0 - 2.0 * (11.0 - 1480.0 / 1500.0) - 1480.0, abs=0.3)
-    assert 0.25 + 0.1 < seen.r[0, 0] < 0.25 + 2.0  # of fixes of 1 m, a second old, at up to 2 m/s
+    meridian, _ = earth.principal_radii(math.sin(lat))
+    place = lat + 1500.0 / (meridian + 150.0), lon, 150.0
+    fix = fixes.measure(SOLUTION, own[2:], Observation(0, "beacon/ship/fix", place, 0, np.eye(3)))
+    assert fix is not None and not fix.h.any()
+    np.testing.assert_array_equal(fix.innovation, np.zeros(3))
+    north = earth.enu_axes(lat, lon)[:, 1]
+    own[5:] = -2.0 * north
+    arrived = _seen("range/ship", 1480.0, covariance=np.eye(1) * 0.25)
+    seen = ranges.measure(SOLUTION, own, arrived)
+    assert seen is not None and seen.own is not None and seen.shares == "beacon/ship/fix"
+    # the chord is shorter by 4 mm; velocity wanders within 30 s, so a second ago it was 1.6 % less
+    assert seen.innovation[0] == pytest.approx(1500.0 + 2.0 * 1480.0 / 1500.0 - 1480.0, abs=0.04)
+    assert seen.r[0, 0] == pytest.approx(0.25)
+    # against differences
+    for i in range(8):
+        step = np.eye(8)[i] * 1e-2
+        one, other = (ranges.measure(SOLUTION, own + x, arrived) for x in (step, -step))
+        assert one is not None and other is not None
+        assert seen.own[0, i] == pytest.approx((one.innovation[0] - other.innovation[0]) / 2e-2, abs=1e-5)
     twice = aids.make(checked_values({"range.beacons": "ship", "range.two_way": True}))["range/ship"]
-    assert isinstance(twice, aids.Range) and twice.two_way and twice.travel_ns(1500.0) == 10**9
+    assert isinstance(twice, aids.Range) and twice.two_way and twice.travel_time(1500.0) == 1.0
 
 
 def test_order_is_by_stamp_then_by_content_and_not_by_arrival() -> None:

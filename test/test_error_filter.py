@@ -12,8 +12,9 @@ from scipy.spatial.transform import Rotation
 from test_error_model import difference
 
 from ins_nav import strapdown
-from ins_nav.error_filter import AGREEING, PATIENCE, ErrorFilter, Measurement, Update
+from ins_nav.error_filter import ErrorFilter, Measurement, Update
 from ins_nav.error_model import COSINE, HEADING, POSITION, SIZE, VELOCITY, Array, ErrorModel, SlowState
+from ins_nav.gating import AGREEING, PATIENCE
 from ins_nav.measurements import GnssPosition, Log, RestRate, ZeroVelocity
 from ins_nav.simulation.motion import Motion, Route, constant, sinusoid
 from ins_nav.simulation.trajectory import EarthMotion, Origin, Trajectory

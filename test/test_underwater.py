@@ -195,7 +195,7 @@ def test_whole_dive_with_all_faults_at_once(seed: int) -> None:
     assert sigma < 0.5 and abs(bias - 3.0) < 3.0 * sigma
 
 
-@pytest.mark.parametrize("offset", [5.0])
+@pytest.mark.parametrize("offset", [5.0, 0.5])
 def test_lying_gauge_is_told_and_not_believed(offset: float) -> None:
     """Not either when height has become so uncertain without it that what it says would be within the gate."""
     s = _path().redrawn(1, **LIE | {"depth.lie_offset": offset})

@@ -1,0 +1,185 @@
+"""What aids say on its way to the filter: checked, one stamp after the other, none of them lost without a word."""
+
+import heapq
+import itertools
+import math
+from collections.abc import Sequence
+
+from ins_nav import aids
+from ins_nav.aids import Aid, BeaconFix, Observation
+from ins_nav.health import INFO, WARN
+from ins_nav.history import LENGTH_NS
+from ins_nav.navigator import Navigator
+from ins_nav.start_place import is_place
+from ins_nav.stop_records import Triple
+
+_AHEAD_NS = 5_000_000_000
+"""ns: a stamp further ahead of the IMU's is of another clock."""
+
+
+class AidIntake(Navigator):
+    """A navigator that takes the messages of aids; what is done with them is the matter of `ins_nav.aided`.
+
+    Attributes
+    ----------
+    settled_ns : int
+        Up to here the filter has come: what is stamped so is too late; 0 before it has begun.
+    """
+
+    def _begin(self) -> None:
+        self._aids: dict[str, Aid] = aids.make(self.parameters)
+        self._queue: list[Observation] = []
+        self._count = itertools.count()
+        self._beacon_fixes: dict[str, Observation] = {}
+        super()._begin()
+
+    def _align(self) -> None:
+        super()._align()
+        self.settled_ns = self._began_ns = 0
+        for aid in self._aids.values():
+            if isinstance(aid, BeaconFix):
+                aid.beacon.restart()
+
+    def add_fix(
+        self,
+        stamp_ns: int,
+        status: int,
+        latitude_deg: float,
+        longitude_deg: float,
+        height: float,
+        covariance: Sequence[float] = (),
+    ) -> None:
+        """Take a satellite fix: the first place of all, then an aid.
+
+        Parameters
+        ----------
+        stamp_ns, status, latitude_deg, longitude_deg, height
+            As in `Navigator.add_fix`.
+        covariance : sequence of float
+            East, north, up, row by row, m²; empty: not given.
+        """
+        super().add_fix(stamp_ns, status, latitude_deg, longitude_deg, height, covariance)
+        place = math.radians(latitude_deg), math.radians(longitude_deg), height if math.isfinite(height) else math.nan
+        if status < 0 or not is_place(latitude_deg, longitude_deg, height):
+            return  # told already
+        self._observe(aids.GNSS, stamp_ns, place, covariance, 3)
+
+    def add_gnss_velocity(self, stamp_ns: int, velocity: Triple, covariance: Sequence[float] = ()) -> None:
+        """Take a velocity on east, north, up, m/s (up may be NaN); covariance row by row, m²/s², or empty."""
+        if all(map(math.isfinite, velocity[:2])):
+            self._observe(aids.GNSS_VELOCITY, stamp_ns, velocity, covariance, 3)
+        else:
+            self._unusable(aids.GNSS_VELOCITY, stamp_ns, velocity)
+
+    def add_log(self, stamp_ns: int, velocity: Triple, covariance: Sequence[float] = ()) -> None:
+        """Take a velocity on the log's axes, m/s, NaN for an axis not measured; covariance row by row, or empty.
+
+        Zero on all three axes is what some logs say that have lost the bottom: it is left out.
+        """
+        if any(map(math.isfinite, velocity)) and velocity != (0.0, 0.0, 0.0):
+            self._observe(aids.LOG, stamp_ns, velocity, covariance, 3)
+        else:
+            self._unusable(aids.LOG, stamp_ns, velocity)
+
+    def add_depth(self, stamp_ns: int, depth: float, variance: float = 0.0) -> None:
+        """Take a depth, m, down positive, and its variance, m²; 0: not given."""
+        if math.isfinite(depth):
+            self._observe(aids.DEPTH, stamp_ns, (depth,), (variance,), 1)
+        else:
+            self._unusable(aids.DEPTH, stamp_ns, (depth,))
+
+    def add_pressure(self, stamp_ns: int, pressure: float, variance: float = 0.0) -> None:
+        """Take an absolute pressure under water, Pa, and its variance, Pa²; 0: not given."""
+        if math.isfinite(pressure) and pressure > 0.0:
+            self._observe(aids.PRESSURE, stamp_ns, (pressure,), (variance,), 1)
+        else:
+            self._unusable(aids.PRESSURE, stamp_ns, (pressure,))
+
+    def add_range(
+        self,
+        stamp_ns: int,
+        beacon: str,
+        distance: float,
+        variance: float = 0.0,
+        limits: tuple[float, float] = (0.0, math.inf),
+    ) -> None:
+        """Take a slant range to a beacon, m, its variance, m² (0: not given), and least and greatest range."""
+        name = aids.range_name(beacon)
+        aid = self._aids.get(name)
+        if math.isfinite(distance) and distance > 0.0 and limits[0] <= distance <= limits[1]:
+            if isinstance(aid, aids.Range) and aid.two_way:
+                stamp_ns -= round(1e9 * aid.travel_time(distance))  # its half
+            self._observe(name, stamp_ns, (distance,), (variance,), 1)
+        else:
+            self._unusable(name, stamp_ns, (distance,))
+
+    def add_beacon_fix(
+        self,
+        stamp_ns: int,
+        beacon: str,
+        status: int,
+        latitude_deg: float,
+        longitude_deg: float,
+        height: float,
+        covariance: Sequence[float] = (),
+    ) -> None:
+        """Take a fix of a beacon that floats, as in `Navigator.add_fix`."""
+        name = aids.fix_name(beacon)
+        place = math.radians(latitude_deg), math.radians(longitude_deg), height
+        if status >= 0 and math.isfinite(height) and is_place(latitude_deg, longitude_deg, height):
+            self._observe(name, stamp_ns, place, covariance, 3)
+        else:
+            self._unusable(name, stamp_ns, place)
+
+    def _unusable(self, name: str, stamp_ns: int, value: tuple[float, ...]) -> None:
+        text = f"{aids.topic(name)}: {value} says nothing, left out"
+        self.health.note(f"{name} unusable", INFO, text, stamp_ns)
+
+    def _observe(
+        self, name: str, stamp_ns: int, value: tuple[float, ...], covariance: Sequence[float], size: int
+    ) -> None:
+        aid = self._aids.get(name)
+        if aid is None or self.stamp_ns == 0:
+            return
+        stamp_ns -= aid.settings.delay_ns
+        if stamp_ns <= self.settled_ns and not self._is_of_use(name, aid, stamp_ns):
+            return
+        if stamp_ns - self.stamp_ns > _AHEAD_NS:
+            ahead = (stamp_ns - self.stamp_ns) * 1e-9
+            self.health.note(
+                f"{name} ahead",
+                WARN,
+                f"{aids.topic(name)}: {ahead:.1f} s ahead of imu/data_raw, left out: both must be stamped by one clock",
+                self.stamp_ns,
+            )
+            return
+        missing = [i for i, x in enumerate(value) if not math.isfinite(x)]
+        used = aid.settings.covariance(covariance, size, missing)
+        heapq.heappush(self._queue, Observation(stamp_ns, name, value, next(self._count), used))
+        if not self.settled_ns:  # the filter will begin later
+            self._forget(self.stamp_ns - LENGTH_NS)
+
+    def _is_of_use(self, name: str, aid: Aid, stamp_ns: int) -> bool:
+        """Whether an observation of before the filter's state is; of where a beacon was, always."""
+        is_fix, late = isinstance(aid, BeaconFix), (self.stamp_ns - stamp_ns) * 1e-9
+        if stamp_ns > self._began_ns:
+            text = f"{aids.topic(name)}: {late:.2f} s behind imu/data_raw, "
+            if is_fix:
+                self.health.note(f"{name} late", INFO, f"{text}taken for where the beacon was then", stamp_ns)
+            else:
+                text += "left out: raise aiding.max_delay, or check its clock"
+                self.health.note(f"{name} late", WARN, text, stamp_ns)
+        return is_fix
+
+    def _forget(self, until_ns: int) -> None:
+        """Observations up to a stamp are of no use; but where a beacon was last is."""
+        while self._queue and self._queue[0].stamp_ns <= until_ns:
+            seen = heapq.heappop(self._queue)
+            if isinstance(self._aids[seen.aid], BeaconFix):
+                self._beacon_fixes[seen.aid] = seen
+
+    def _recall(self) -> None:
+        """Let the filter, which begins now, take where each beacon was last."""
+        for seen in self._beacon_fixes.values():
+            heapq.heappush(self._queue, seen)
+        self._beacon_fixes = {}
