@@ -36,7 +36,7 @@ LAG = 2.5
 TIME, EAST, NORTH, UP, SIGMA, SIGMA_UP, NEES = range(7)
 """Columns of `Run.errors`: errors and sigmas, m; SIGMA is that of the horizontal distance, NEES of two components."""
 _CONFIG = Path(__file__).resolve().parents[1] / "config" / "auv.yaml"
-_MOTION: dict[str, Any] = {"rate": RATE, "log.rate": 1.0, "depth.rate": 1.0, "range.delay_speed": 1500.0}
+_MOTION: dict[str, Any] = {"rate": RATE, "log.rate": 1.0, "depth.rate": 1.0}
 _EVERY = 10.0
 """s between two looks at the errors."""
 
@@ -67,7 +67,7 @@ class Run:
 
     def __init__(self, simulation: Simulation, parameters: Mapping[str, Any], skip: Sequence[str] = ()) -> None:
         self.simulation = simulation
-        self.navigator = AidedNavigator(read_file(_CONFIG, "ins_node") | {"range.two_way": True} | dict(parameters))
+        self.navigator = AidedNavigator(read_file(_CONFIG, "ins_node") | dict(parameters))
         self.navigator.stops = _Afloat(self.navigator.parameters, self.navigator.health)
         self.rows: list[list[float]] = []
         self._samples = np.column_stack([simulation.angular_velocity, simulation.linear_acceleration]).tolist()

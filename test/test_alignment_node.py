@@ -23,6 +23,7 @@ NS = 1_000_000_000
 ODOMETRY, IMU, FIX = "nav_msgs/msg/Odometry", "sensor_msgs/msg/Imu", "sensor_msgs/msg/NavSatFix"
 DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 PARAMETERS = ("alignment.duration:=15.0", "alignment.fine_duration:=30.0")
+DIVE = Path(__file__).resolve().parents[1] / "config" / "auv.yaml"
 OUTPUTS = {"odometry": ODOMETRY, "/diagnostics": DIAGNOSTICS}
 
 
@@ -155,6 +156,45 @@ def test_live_equals_ins_process(nodes: tuple[str, ...], drive: Path, offline: d
     assert 0.0 <= float(values["gnss: test ratio"]) < 1.0 and values["gnss: innovation"].count("±") == 3
     assert float(values["gnss: last accepted"].removesuffix(" s ago")) < 2.0
     assert not any("late" in key for key in values)
+
+
+def test_a_dive_at_ten_times_real_time_equals_ins_process(tmp_path: Path) -> None:
+    """All aids, wrong ranges, a log that loses the bottom, swell: the solution of coarse alignment takes its time."""
+    changes = {"alignment_time": 60.0, "turn_start": 35.0, "surface_leg": 20.0, "depth": 8.0, "dive_time": 80.0}
+    faults = {"log.lost_start": 115.0, "log.lost_duration": 10.0, "range.outlier_share": 0.2}
+    simulation = simulate("auv_dive", 1, **changes, **faults, surface_time=10.0, rate=50.0, **{"truth.rate": 1.0})
+    write_bag(simulation, tmp_path / "dive")
+    given = (
+        "--params-file",
+        str(DIVE),
+        "--param",
+        "alignment.duration:=30.0",
+        "--param",
+        "alignment.fine_duration:=60.0",
+    )
+    assert process([str(tmp_path / "dive"), "-o", str(tmp_path / "result"), *given]) == 0
+    with BagReader(tmp_path / "result") as reader:
+        odometry = map(reader.deserialize, reader.messages(["/odometry"]))
+        offline = {stamp_of(message): message for message in odometry}
+    with Ros(tmp_path) as ros:
+        settings = [part.replace("--param", "-p") if part == "--param" else part for part in given]
+        for name in ("ins_node", "alignment_node"):
+            ros.start(f"ins_nav.nodes.{name}", "--ros-args", *settings)
+        listener = ros.listen(OUTPUTS)
+        names = ("/ins_node: navigation", "/alignment_node: alignment")
+        listener.wait_for(lambda: all(_status(listener, name) is not None for name in names))
+        player = _play(ros, tmp_path / "dive", 10.0)
+        listener.wait_for_count("odometry", len(offline), 60.0)
+        assert player.wait() == 0
+        count = str(len(simulation.stamps_ns))
+        listener.wait_for(lambda: _values(listener, names[1]).get("imu/data_raw received") == count)
+        says = [_values(listener, name) for name in names]
+        listener.stop()
+    stamps, away, turned = _differences(listener, offline)
+    assert not any("late" in key for values in says for key in values), says
+    assert stamps == offline.keys() and away.max() < 1e-3 and turned.max() < 1e-4
+    # each fault by its name
+    assert says[1]["log unusable"] == "50" and int(says[1]["range/vessel rejected"]) >= 2
 
 
 def test_killed_and_started_again(drive: Path, offline: dict[int, Any], tmp_path: Path) -> None:

@@ -33,9 +33,8 @@ MOTION: dict[str, Any] = {
     "surface_time": 40.0,
     "log.rate": 1.0,
     "depth.rate": 1.0,
-    "range.delay_speed": 1500.0,
 }
-PARAMETERS: dict[str, Any] = {"alignment.fine_duration": 120.0, "range.two_way": True}
+PARAMETERS: dict[str, Any] = {"alignment.fine_duration": 120.0}
 ALIGNED, DIVE = 60.0, 180.0
 """s, when coarse alignment ends, and when the dive begins."""
 Event = tuple[int, str, tuple[Any, ...]]

@@ -53,10 +53,11 @@ AUV_DIVE: dict[str, Any] = {
     "beacon.radii": (50.0,),
     "beacon.fix_rates": (1.0,),
     "range.rate": 0.2,
+    "range.delay_speed": 1500.0,
     "range.lever_arm": (-0.2, 0.0, 0.2),
     "truth.rate": 10.0,
 }
-"""Log of 0.2 % and 1 cm/s, depth to 5 cm, ranges to 0.5 m from a vessel that circles."""
+"""Log of 0.2 % and 1 cm/s, depth to 5 cm, ranges to 0.5 m from a vessel that circles, which it asks for."""
 
 
 def auv_dive(p: Values) -> Motion:
