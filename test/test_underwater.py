@@ -357,3 +357,55 @@ def test_a_place_that_ranges_do_not_tell_stays_uncertain() -> None:
         across, _ = _greatest(fed.since(ALIGNED + 1.0))
         # a beacon's ranges are taken all the time
         assert across < 3.0 and fed.aided.records["range/vessel"].accepted > 50
+
+
+def test_a_beacon_that_lies_is_not_believed_when_satellites_have_said_where_this_is() -> None:
+    """Its fixes are 100 m off all the time, which its ranges say too, for longer than their patience."""
+    s = _path().redrawn(1)
+    _, radius = earth.principal_radii(math.sin(s.trajectory.origin.lat))
+    degrees = math.degrees(100.0 / (radius * math.cos(s.trajectory.origin.lat)))
+    events = [
+        (stamp, kind, (*values[:4], values[4] + degrees, *values[5:]) if kind == "beacon" else values)
+        for stamp, kind, values in _events(s)
+    ]
+    fed = Fed(s, {"range.patience": 60.0}).feed(events)
+    across, _ = _greatest(fed.since(DIVE))
+    assert across < 3.0 and np.hypot(*fed.since(DIVE)[:, 1:3].T).max() < 5.0
+    # by the way the circles cross one in some fits
+    assert fed.aided.records["range/vessel"].rejected > 60 > 5 * fed.aided.records["range/vessel"].accepted
+    assert any(text.startswith("range/vessel: outside the gate for") for text in fed.aided.missed())
+    # it is the ranges that are at odds with the solution, not the fixes with each other
+    assert fed.aided.records["beacon/vessel/fix"].rejected <= 2
+
+
+def test_fixes_of_a_beacon_that_come_late_count_for_their_time() -> None:
+    """5 s late, as an acoustic modem brings them: too late for all others, but not for what they say."""
+    s = _path().redrawn(1)
+    events = [(stamp + 5 * NS * (kind == "beacon"), kind, values) for stamp, kind, values in _events(s)]
+    events = [event for event in events if event[0] <= s.stamps_ns[-1]]
+    late = Fed(s).feed(sorted(events, key=lambda event: event[0]))
+    across, _ = _greatest(late.since(DIVE))
+    assert across < 3.0
+    assert late.counts["beacon/vessel/fix late"] > 300
+    plain, none = _plain(), _run(s, ("range", "beacon"))
+    worst, best, with_late = (_rms(fed.since(DIVE + 60.0)[:, 4]) for fed in (none, plain, late))
+    # a vessel of 1 m/s goes some metres off in 5 s, which a range of 0.5 m does not mend; but better than nothing
+    assert best < with_late < 0.8 * worst
+
+
+def test_one_fix_of_before_the_filter_began_is_where_a_beacon_is() -> None:
+    """It lies still; told so, for it has no speed."""
+    still = (("beacon.radii", (0.0,)), ("dive_time", 120.0))
+    s = _path(*still).redrawn(1)
+    events = _events(s)
+    first = next(event for event in events if event[1] == "beacon" and event[0] > s.start_ns + 20 * NS)
+    kept = [event for event in events if event[1] != "beacon" or event is first]
+    fed = Fed(s, {"range.beacon_speed": 0.0}).feed(kept)
+    assert fed.aided.records["beacon/vessel/fix"].accepted == 1
+    assert fed.aided.records["range/vessel"].accepted > 40
+    across, _ = _greatest(fed.since(DIVE))
+    assert across < 3.0
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
