@@ -52,8 +52,6 @@ _BATCH_NS = 100_000_000
 """ns between two propagations of the covariance, and between two looks at what has become certain."""
 _EMIT_NS = 500_000_000
 """ns between two feedbacks at least, where there is news; twice that where there is none."""
-_APPLY_NS = 1_000_000_000
-"""ns of data after which a feedback takes effect: the time its way through DDS may take without being seen."""
 _MISSED = 30.0
 """s without an accepted message of an aid that are worth a warning."""
 _SAME_NS = 1_000_000_000
@@ -88,6 +86,7 @@ class AidedNavigator(AidIntake):
         self.filter: ErrorFilter | None = None
         super().__init__(overrides)
         self._lag_ns = max(SETTLE_NS, round(self._number("aiding.max_delay") * 1e9))
+        self._apply_ns = round(self._number("aiding.feedback_time") * 1e9)
         self._fine_stddev = math.radians(self._number("alignment.fine_heading_deg"))
         self._fine_time = self._number("alignment.fine_duration")
         self._until_aligned = bool(self.parameters["aiding.until_aligned"])
@@ -426,7 +425,7 @@ class AidedNavigator(AidIntake):
         self._out.append(
             Feedback(
                 self.settled_ns,
-                self.stamp_ns + _APPLY_NS,
+                self.stamp_ns + self._apply_ns,
                 self.state,
                 self.gyro_bias,  # type: ignore[arg-type]
                 self.accel_bias,  # type: ignore[arg-type]

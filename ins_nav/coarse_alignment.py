@@ -32,6 +32,8 @@ _DEGREES_TOLERANCE = 0.2
 _DEGREES = (
     "angular velocity agrees with the turning of gravity only as degrees per second: publish angular_velocity in rad/s"
 )
+_TURNED, _SETTLED = 0.01, 1e-4
+"""rad: where the axes turned by more, the noise is found again; where by less, they stay (tilt counts ten times)."""
 _REST_SPEED = 0.01
 """m/s: below this RMS the base stands, and velocity is zero rather than estimated. No sigma is smaller."""
 
@@ -209,18 +211,18 @@ class CoarseAlignment:
 
         rot_b0g0 = _first_guess(blocks)
         limits = self.cone.noise_limits(gravity)
-        noise = None
+        deviation = _deviation(blocks, rot_b0g0, gravity, lat)
+        noise = TrendNoise.of(blocks.time, blocks.total, deviation[:, :2], limits)
         for _ in range(4):
-            series = _deviation(blocks, rot_b0g0, gravity, lat)[:, :2]
-            if noise is None:
-                noise = TrendNoise.of(blocks.time, blocks.total, series, limits)
-            fit = noise.fit(series)
+            fit = noise.fit(deviation[:, :2])
             turn = math.atan2(fit.slope[1], horizontal_rate + fit.slope[0]) if heading is None else 0.0
             rot_b0g0 = rot_b0g0 @ Rotation.from_rotvec([-fit.level[1], fit.level[0], turn]).as_matrix()
-            if abs(turn) > 0.01 or np.abs(fit.level).max() > 1e-3:
-                noise = None  # the axes were still turning
-        deviation = _deviation(blocks, rot_b0g0, gravity, lat)
-        noise = noise or TrendNoise.of(blocks.time, blocks.total, deviation[:, :2], limits)
+            deviation = _deviation(blocks, rot_b0g0, gravity, lat)
+            change = max(abs(turn), 10.0 * np.abs(fit.level).max())
+            if change > _TURNED:
+                noise = TrendNoise.of(blocks.time, blocks.total, deviation[:, :2], limits, noise)
+            elif change < _SETTLED:
+                break
         fit = noise.fit(deviation[:, :2])
         found_rate = float(horizontal_rate + fit.slope[0])
         # A noise as large as the rate makes the rate found too large: the mean of that and the true one is how the
@@ -244,6 +246,7 @@ class CoarseAlignment:
             covariance[:2, :2] += np.eye(2) * excess**2
             covariance[2, 2] = heading_stddev**2
             rot_gb = Rotation.from_rotvec([0.0, 0.0, turn]) * rot_gb
+        white, walk = noise.sensor_noise(deviation[:, :2], limits)
         velocity, velocity_stddev = self._end_velocity(blocks, noise, deviation, fit, gravity, lat, rot_b0g0, limits)
         yaw = turn - RATE * math.sin(lat) * self.cone.time  # since time 0, and to the heading given
         east, north, up = Rotation.from_rotvec([0.0, 0.0, yaw]).apply(velocity)
@@ -258,8 +261,8 @@ class CoarseAlignment:
             velocity_stddev,
             gravity / normal,
             found_rate - horizontal_rate,
-            math.sqrt(float(noise.sensor_noise[1])),
-            gravity * math.sqrt(float(noise.sensor_noise[0]) * blocks.length),
+            math.sqrt(float(walk)),
+            gravity * math.sqrt(float(white) * blocks.length),
             math.sqrt(fit.slope_variance) / rate if heading is None else heading_stddev,
             self._joint(covariance, rot_gb, gravity, lat, rate),
         )
@@ -309,9 +312,11 @@ class CoarseAlignment:
             f"gravity turns at {degrees_per_hour:.2f} °/h, the Earth at latitude {math.degrees(lat):.2f}° "
             f"at {math.degrees(expected) * 3600.0:.2f} °/h"
         )
-        up_rate, expected_up = self.cone.vertical_rate(), RATE * math.sin(lat)
-        in_degrees = math.hypot(math.radians(found) - expected, math.radians(up_rate) - expected_up)
-        if in_degrees < _DEGREES_TOLERANCE * RATE:
+        tolerance, in_degrees = _DEGREES_TOLERANCE * RATE, abs(math.radians(found) - expected)
+        if in_degrees < tolerance:  # all samples are asked about the vertical only then
+            up_error = math.radians(self.cone.vertical_rate()) - RATE * math.sin(lat)
+            in_degrees = math.hypot(in_degrees, up_error)
+        if in_degrees < tolerance:
             raise AlignmentError(f"{text}: angular velocity is in degrees per second, publish it in rad/s")
         stddev = math.sqrt(fit.slope_variance + self._gyro_bias_stddev**2)
         error = abs(found - expected)

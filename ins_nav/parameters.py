@@ -241,6 +241,14 @@ PARAMETERS = (
         2.2,
         8.0,
     ),
+    Parameter(
+        "aiding.feedback_time",
+        2.0,
+        "after so long what the filter has found takes effect in ins_node, s of data: what its way there may take, with "
+        "the time to find it; at N times real time it takes N times as much data",
+        0.2,
+        3.0,
+    ),
     Parameter("aiding.until_aligned", False, "use aids for fine alignment only, then navigate free inertial"),
     Parameter("aiding.height_walk", 0.3, "random walk of height where no vertical channel carries it, m/√s", 0.0, 10.0),
     Parameter(

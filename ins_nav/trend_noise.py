@@ -21,6 +21,8 @@ References
        the 30th International Conference on Machine Learning, 2013 (the covariance of such a band).
 .. [4] R. N. Kackar, D. A. Harville, "Approximations for standard errors of estimators of fixed and random effects in
        mixed linear models", Journal of the American Statistical Association, 1984, vol. 79.
+.. [5] A. R. Gilmour, R. Thompson, B. R. Cullis, "Average information REML: an efficient algorithm for variance
+       parameter estimation in linear mixed models", Biometrics, 1995, vol. 51.
 """
 
 import math
@@ -28,7 +30,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import linalg, optimize
+from scipy import linalg
 
 Array = NDArray[np.float64]
 
@@ -44,6 +46,8 @@ _SWELL_GAIN = 15.0
 frequencies are tried."""
 _SWELL_FREQUENCIES, _SWELL_BANDWIDTHS = 16, (0.02, 0.3)
 """Where the climb may begin: how many frequencies, and shares of them."""
+_NARROWER = np.array([1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.1])
+"""Where swell is climbed to again: one sea in 25 has a second maximum with a narrower band, which is greater."""
 _QUIET = 1e-3
 """Share of jolts and waves that swell is supposed to leave, there."""
 _LOG_RANGE_SWELL = 12.0
@@ -58,6 +62,17 @@ _CONTRADICTION = 5.0
 """Log-likelihood: the data contradicts a value that costs more (99 % by Wilks' theorem)."""
 _ACCEL_EXCESS = math.log(10.0)
 """Accelerometers' noise over whole blocks may exceed what their white noise makes (1/f): logarithm, in variance."""
+_DAMPING, _LEAST_DAMPING, _FLAT = 0.1, 0.01, 0.01
+"""Of the climb to the greatest likelihood: first and least share by which its information is made to seem larger; what
+is added to the information, of parameters that hardly matter."""
+_LONGEST, _STEPS = 3.0, 100
+"""Greatest change of a logarithm in a step; most steps."""
+_RAISED = 4.0
+"""How far below the largest other share (logarithm) a climb begins that goes on from another: lower, nothing pulls."""
+_TOLERANCE = 1e-4
+"""Log-likelihood: where a step would gain less, the climb ends."""
+_LOG_RANGE_ROUNDING = 28.0
+"""How far below the variance of the swell's velocity white noise is sought: its differences are no more exact."""
 _LOG_RANGE_WHITE, _LOG_RANGE = 14.0, 25.0
 """How far below the whole variance an intensity is sought."""
 
@@ -97,17 +112,10 @@ class TrendNoise:
     jolt_scale : ndarray, shape (n + 1,)
         Variance of each jolt, at the borders of the blocks, over their intensity: more than 1 where one was far
         larger than the rest.
-
-    Attributes
-    ----------
-    sensor_noise : ndarray, shape (2,)
-        Intensities of white noise and walk; from `of`, the most that they may be: what vibration and quantization
-        add to the sensors' fast noise does not grow as theirs does.
     """
 
     def __init__(self, time: Array, total: float, parameters: Array, jolt_scale: Array) -> None:
         self._time, self._parameters, self._jolt_scale = time, parameters, jolt_scale
-        self.sensor_noise: Array = parameters[:2].copy()
         self._x = trend_basis(time)
         self._end = np.array([1.0, total])
         self._walk_end = parameters[1] * time
@@ -118,7 +126,9 @@ class TrendNoise:
         self._trend_covariance = np.linalg.inv(self._x.T @ self._weighted)
 
     @classmethod
-    def of(cls, time: Array, total: float, series: Array, limits: Array) -> "TrendNoise":
+    def of(
+        cls, time: Array, total: float, series: Array, limits: Array, similar: "TrendNoise | None" = None
+    ) -> "TrendNoise":
         """Parameters from d series that share them, by restricted maximum likelihood ([1]_).
 
         Jolts come in bursts (a door, a person sitting down): they are given the heavy tails of Student's
@@ -135,24 +145,24 @@ class TrendNoise:
             White noise and walk as the sensors' fast noise predicts them, infinite where it does not: their values
             unless the data contradicts that, since short data hardly shows the walk; then, for the walk, its upper
             limit.
+        similar : TrendNoise, optional
+            Of much the same series: where there is swell, it need not be sought again.
         """
         scale = np.ones(len(time) + 1)
-        free = min(
-            (_restricted_maximum_likelihood(time, series, scale, start, limits, ()) for start in _STARTS),
-            key=lambda fit: fit[0],
-        )
-        with_swell = _restricted_maximum_likelihood(
-            time, series, scale, _start_with_swell(time, series, free[1]), limits, ()
-        )
-        if free[0] - with_swell[0] > _SWELL_GAIN:
-            free = with_swell
+        likelihood = _Likelihood(time, series, scale)
+        if similar is not None and len(similar._parameters) > 4:
+            free = likelihood.greatest(similar._parameters, limits)
+        else:
+            free = min((likelihood.greatest(start, limits) for start in _STARTS), key=lambda fit: fit[0])
+            with_swell = likelihood.greatest(likelihood.start_with_swell(free[1]), limits)
+            if free[0] - with_swell[0] > _SWELL_GAIN:
+                narrower = likelihood.greatest(with_swell[1] * _NARROWER, limits)
+                free = min(with_swell, narrower, key=lambda fit: fit[0])
         for fixed in ((0, 1), (1,), ()):
             if any(math.isinf(limits[process]) for process in fixed):
                 continue
-            likelihood, parameters = (
-                _restricted_maximum_likelihood(time, series, scale, free[1], limits, fixed) if fixed else free
-            )
-            if likelihood - free[0] < _CONTRADICTION:
+            least, parameters = likelihood.greatest(free[1], limits, fixed) if fixed else free
+            if least - free[0] < _CONTRADICTION:
                 break
         for _ in range(_EXPECTATION_ROUNDS):
             energy = cls(time, total, parameters, scale)._jolt_energy(series)
@@ -161,11 +171,37 @@ class TrendNoise:
             scale = (_STUDENT_FREEDOM + d * energy / parameters[2]) / (_STUDENT_FREEDOM + d)
             if np.abs(np.log(scale / before)).max() < _SETTLED:
                 break
-            _, parameters = _restricted_maximum_likelihood(time, series, scale, parameters, limits, fixed)
-        noise = cls(time, total, parameters, scale)
+            likelihood = _Likelihood(time, series, scale)
+            _, parameters = likelihood.greatest(parameters, limits, fixed)
+        return cls(time, total, parameters, scale)
+
+    def sensor_noise(self, series: Array, limits: Array) -> Array:
+        """Intensities of white noise and walk: the most, up to their limits, that the data does not contradict.
+
+        What vibration and quantization add to the sensors' fast noise does not grow as theirs does. ``series`` and
+        ``limits`` are those that the parameters are from; without a limit, that parameter itself is given.
+        """
+        likelihood = _Likelihood(self._time, series, self._jolt_scale)
+        least, parameters = likelihood.greatest(self._parameters, limits)
+
+        def doubtful(process: int, logarithm: float) -> bool:
+            tried = limits.copy()
+            tried[process] = math.exp(logarithm)
+            return likelihood.greatest(parameters, tried, (process,))[0] - least < _DOUBTFUL
+
+        noise = self._parameters[:2].copy()
         for process in (0, 1):
-            if not math.isinf(limits[process]):
-                noise.sensor_noise[process] = _greatest(process, time, series, scale, free[1], limits)
+            if math.isinf(limits[process]):
+                continue
+            high = math.log(limits[process] + 1e-300)
+            low = min(high, math.log(parameters[process]))
+            if high - low < 1e-6 or doubtful(process, high):
+                low = high
+            else:
+                for _ in range(_BISECTIONS):
+                    middle = 0.5 * (low + high)
+                    low, high = (middle, high) if doubtful(process, middle) else (low, middle)
+            noise[process] = math.exp(low)
         return noise
 
     def _jolt_energy(self, series: Array) -> Array:
@@ -255,10 +291,11 @@ def _differences(n: int) -> Array:
 def _kernels(time: Array, jolt_scale: Array) -> list[Array]:
     """Covariances per unit intensity: white, random walk, jolts, waves; each shape (n, n)."""
     n = len(time)
-    first = _differences(n)
-    second = first @ _differences(n + 1)
     walk = np.minimum.outer(time, time)
-    return [np.eye(n), walk, (first * jolt_scale) @ first.T, second @ second.T]
+    shared = jolt_scale[1:-1]  # by two blocks, with opposite signs
+    jolts = np.diag(jolt_scale[:-1] + jolt_scale[1:]) - np.diag(shared, 1) - np.diag(shared, -1)
+    waves = linalg.toeplitz(np.concatenate([[6.0, -4.0, 1.0], np.zeros(n - 3)]))
+    return [np.eye(n), walk, jolts, waves]
 
 
 def _swell(time: Array, frequency: float, bandwidth: float) -> Array:
@@ -289,50 +326,6 @@ def _derivatives(time: Array, parameters: Array, jolt_scale: Array) -> list[Arra
     return parts
 
 
-def _start_with_swell(time: Array, series: Array, parameters: Array) -> Array:
-    """Parameters to climb the likelihood from, those given with swell: the best of a grid, shape (7,)."""
-    n, d = series.shape
-    quiet = parameters * [1.0, 1.0, _QUIET, _QUIET]
-    x = trend_basis(time)
-    residual, variance = _without_trend(x, series)
-    rest = sum(_derivatives(time, quiet, np.ones(n + 1))) + 1e-9 * variance * np.eye(n)
-    highest = math.pi * n / (time[-1] - time[0])
-    trials = []
-    for frequency in np.geomspace(highest / n, 0.9 * highest, _SWELL_FREQUENCIES):
-        for share in _SWELL_BANDWIDTHS:
-            lags = _differenced(_swell(time, frequency, share * frequency)[0])
-            swell = [variance / lags[0], frequency, share * frequency]
-            factor, _ = linalg.lapack.dpotrf(rest + linalg.toeplitz(swell[0] * lags), lower=1)
-            whitened = linalg.solve_triangular(factor, np.column_stack([x, residual]), lower=True)
-            q, r = np.linalg.qr(whitened[:, :2])
-            left = whitened[:, 2:] - q @ (q.T @ whitened[:, 2:])
-            log_det = np.log(np.diag(factor)).sum() + np.log(np.abs(np.diag(r))).sum()
-            trials.append((d * log_det + 0.5 * (left**2).sum(), *swell))
-    return np.concatenate([quiet, min(trials)[1:]])
-
-
-def _greatest(process: int, time: Array, series: Array, jolt_scale: Array, parameters: Array, limits: Array) -> float:
-    """The most that white noise (0) or walk (1) may be, up to its limit, that the data does not contradict."""
-
-    def likelihood(logarithm: float) -> float:
-        tried = limits.copy()
-        tried[process] = math.exp(logarithm)
-        return _restricted_maximum_likelihood(time, series, jolt_scale, parameters, tried, (process,))[0]
-
-    high = math.log(limits[process] + 1e-300)
-    low = min(high, math.log(parameters[process]))
-    best = likelihood(low)
-    if likelihood(high) - best < _DOUBTFUL:
-        return math.exp(high)
-    for _ in range(_BISECTIONS):
-        middle = 0.5 * (low + high)
-        if likelihood(middle) - best < _DOUBTFUL:
-            low = middle
-        else:
-            high = middle
-    return math.exp(low)
-
-
 def _without_trend(x: Array, series: Array) -> tuple[Array, float]:
     """Residual of least squares, shape (n, d), and its variance: not zero for a simulation without noise."""
     base = np.linalg.qr(x)[0]
@@ -340,69 +333,110 @@ def _without_trend(x: Array, series: Array) -> tuple[Array, float]:
     return residual, float((residual**2).mean()) + 1e-20
 
 
-def _restricted_maximum_likelihood(
-    time: Array,
-    series: Array,
-    jolt_scale: Array,
-    start: Array,
-    limits: Array,
-    fixed: tuple[int, ...],
-) -> tuple[float, Array]:
-    """Negative log-likelihood, and the parameters that make it least, with swell where ``start`` has it.
+class _Likelihood:
+    """Restricted likelihood of the parameters, given d series and the scales of the jolts ([1]_)."""
 
-    ``start`` is parameters, or shares of the variance where it has the sum 1; those that are ``fixed`` (0 white
-    noise, 1 walk) stay at their limits.
-    """
-    kernels = _kernels(time, jolt_scale)
-    x = trend_basis(time)
-    n, d = series.shape
-    residual, variance = _without_trend(x, series)
-    if abs(start.sum() - 1.0) < 1e-9:
-        start = start * variance / [np.diag(k).mean() for k in kernels]
+    def __init__(self, time: Array, series: Array, jolt_scale: Array) -> None:
+        n = len(time)
+        self._time = time
+        self._x = trend_basis(time)
+        self._residual, self._variance = _without_trend(self._x, series)
+        self._lag = np.abs(np.subtract.outer(np.arange(n), np.arange(n)))
+        self._kernels = np.empty((7, n, n))
+        self._kernels[:4] = _kernels(time, jolt_scale)
+        self._unit = np.log(self._variance / np.einsum("ijj->i", self._kernels[:4]) * n)
 
-    lag = np.abs(np.subtract.outer(np.arange(n), np.arange(n)))
+    def greatest(self, start: Array, limits: Array, fixed: tuple[int, ...] = ()) -> tuple[float, Array]:
+        """Negative log-likelihood, and the parameters that make it least, with swell where ``start`` has it.
 
-    def negative_likelihood(log_parameters: Array) -> tuple[float, Array]:
-        p = np.exp(log_parameters)
-        covariance = sum(s * k for s, k in zip(p[:4], kernels, strict=True))
-        if len(p) > 4:
-            swell = p[4] * _differenced(_swell(time, p[5], p[6]))
-            covariance += swell[0][lag]
-        factor, _ = linalg.lapack.dpotrf(covariance, lower=1)
-        inverse, _ = linalg.lapack.dpotri(factor, lower=1)
-        inverse = np.tril(inverse) + np.tril(inverse, -1).T
-        weighted = inverse @ x
-        information = x.T @ weighted
-        projection = inverse - weighted @ np.linalg.solve(information, weighted.T)
-        py = projection @ residual
-        log_det = 2.0 * np.log(np.diag(factor)).sum() + np.linalg.slogdet(information)[1]
-        value = 0.5 * (d * log_det + (residual * py).sum())
-        by_covariance = 0.5 * (d * projection - py @ py.T)
-        gradient = [s * np.vdot(by_covariance, k) for s, k in zip(p[:4], kernels, strict=True)]
-        if len(p) > 4:
-            gradient += (swell @ np.bincount(lag.ravel(), by_covariance.ravel())).tolist()
-        return float(value), np.array(gradient)
+        ``start`` is parameters, or shares of the variance where it has the sum 1; those that are ``fixed`` (0 white
+        noise, 1 walk) stay at their limits.
+        """
+        begin = np.log(start)
+        if abs(start.sum() - 1.0) < 1e-9:
+            begin += self._unit
+        # A floor keeps the matrix regular; a start near it, where the gradient vanishes, would stay there
+        low, high = self._unit - _LOG_RANGE, self._unit + 4.0
+        low[0] = self._unit[0] - _LOG_RANGE_WHITE
+        if len(start) > 4:
+            low[0] = max(low[0], begin[4] - _LOG_RANGE_ROUNDING)
+        limit = np.maximum(np.log(limits + 1e-300), low[:2])
+        high[:2] = np.minimum(high[:2], limit + [_ACCEL_EXCESS, 0.0])
+        for process in fixed:
+            low[process] = high[process] = limit[process]
+        begin[:4] = np.maximum(begin[:4], self._unit + np.max(begin[:4] - self._unit) - _RAISED)
+        if len(start) > 4:
+            n, span = len(self._time), self._time[-1] - self._time[0]
+            low = np.concatenate([low, [begin[4] - _LOG_RANGE_SWELL], np.log([2.0 / span, _LINE / span])])
+            high = np.concatenate([high, [begin[4] + 4.0], np.log([math.pi * n / span] * 2)])
+        return self._climb(np.clip(begin, low, high), low, high)
 
-    # A floor keeps the matrix regular; a start near it, where the gradient vanishes, would stay there
-    unit = np.log([variance / np.diag(k).mean() for k in kernels])
-    low = unit - _LOG_RANGE
-    high = unit + 4.0
-    low[0] = unit[0] - _LOG_RANGE_WHITE
-    limit = np.maximum(np.log(limits + 1e-300), low[:2])
-    high[:2] = np.minimum(high[:2], limit + [_ACCEL_EXCESS, 0.0])
-    for process in fixed:
-        low[process] = high[process] = limit[process]
-    begin = np.log(start)
-    begin[:4] = np.maximum(begin[:4], unit - 9.0)
-    if len(start) > 4:
-        span = time[-1] - time[0]
-        low = np.concatenate([low, [begin[4] - _LOG_RANGE_SWELL], np.log([2.0 / span, _LINE / span])])
-        high = np.concatenate([high, [begin[4] + 4.0], np.log([math.pi * n / span] * 2)])
-    best = optimize.minimize(
-        negative_likelihood,
-        np.clip(begin, low, high),
-        jac=True,
-        method="L-BFGS-B",
-        bounds=list(zip(low, high, strict=True)),
-    )
-    return float(best.fun), np.exp(best.x)
+    def start_with_swell(self, parameters: Array) -> Array:
+        """Parameters to climb from, those given with swell: the best of a grid, shape (7,)."""
+        quiet = np.log(parameters * [1.0, 1.0, _QUIET, _QUIET])
+        n, span = len(self._time), self._time[-1] - self._time[0]
+        highest = math.pi * n / span
+        trials = []
+        for frequency in np.geomspace(highest / n, 0.9 * highest, _SWELL_FREQUENCIES):
+            for share in _SWELL_BANDWIDTHS:
+                lags = _differenced(_swell(self._time, frequency, share * frequency)[0])
+                swell = [self._variance / lags[0], frequency, share * frequency]
+                trials.append(np.concatenate([quiet, np.log(swell)]))
+        return np.exp(min(trials, key=lambda trial: self._value(trial)[0]))
+
+    def _climb(self, q: Array, low: Array, high: Array) -> tuple[float, Array]:
+        """Newton's method within bounds, damped after Marquardt, with the average information ([5]_)."""
+        value, factor = self._value(q)
+        gradient, information = self._slopes(q, factor)
+        damping = _DAMPING
+        for _ in range(_STEPS):
+            free = ~((q <= low) & (gradient > 0.0) | (q >= high) & (gradient < 0.0))
+            damped = information + damping * np.diag(np.diag(information) + _FLAT)
+            step = np.zeros_like(q)
+            step[free] = -np.linalg.solve(damped[np.ix_(free, free)], gradient[free])
+            step = np.clip(q + np.clip(step, -_LONGEST, _LONGEST), low, high) - q
+            if np.abs(gradient * step).sum() < _TOLERANCE:
+                break
+            tried, factor = self._value(q + step)
+            promised = float(-step @ (gradient + 0.5 * information @ step))
+            gain = (value - tried) / max(1e-30, promised)
+            if gain > 0.0:
+                q, value = q + step, tried
+                gradient, information = self._slopes(q, factor)
+            damping *= 0.3 if gain > 0.75 else 1.0 if gain > 0.25 else 5.0
+            damping = max(damping, _LEAST_DAMPING)
+        return value, np.exp(q)
+
+    def _value(self, q: Array) -> tuple[float, Array]:
+        """Negative log-likelihood of logarithms of parameters, and the Cholesky factor of the covariance."""
+        n, d = self._residual.shape
+        p = np.exp(q)
+        if len(q) > 4:
+            swell = _differenced(_swell(self._time, p[5], p[6]))
+            np.take(swell, self._lag, axis=1, out=self._kernels[4:], mode="clip")  # the default buffers
+        covariance = p[:5] @ self._kernels[: len(p[:5])].reshape(-1, n * n)
+        factor, failed = linalg.lapack.dpotrf(covariance.reshape(n, n), lower=1)
+        if failed:
+            return math.inf, factor
+        whitened, _ = linalg.lapack.dtrtrs(factor, np.column_stack([self._x, self._residual]), lower=1)
+        products = whitened.T @ whitened
+        by_trend, cross = products[:2, :2], products[:2, 2:]
+        squares = np.trace(products[2:, 2:]) - (cross * np.linalg.solve(by_trend, cross)).sum()
+        log_det = 2.0 * np.log(np.diag(factor)).sum() + np.linalg.slogdet(by_trend)[1]
+        return float(0.5 * (d * log_det + squares)), factor
+
+    def _slopes(self, q: Array, factor: Array) -> tuple[Array, Array]:
+        """Gradient and average information there; the kernels must be those of the last `_value`."""
+        n, d = self._residual.shape
+        kernels = self._kernels[: len(q)]
+        scale = np.exp(q[[0, 1, 2, 3, 4, 4, 4][: len(q)]])  # the last three are derivatives of the swell
+        lower, _ = linalg.lapack.dpotri(factor, lower=1)
+        inverse = lower + lower.T
+        inverse.flat[:: n + 1] *= 0.5
+        weighted = inverse @ self._x
+        projection = inverse - weighted @ np.linalg.solve(self._x.T @ weighted, weighted.T)
+        py = projection @ self._residual
+        gradient = 0.5 * scale * (kernels.reshape(-1, n * n) @ (d * projection - py @ py.T).ravel())
+        changes = scale[:, None, None] * (kernels @ py)
+        information = 0.5 * np.einsum("iad,jad->ij", changes, projection @ changes)
+        return gradient, information

@@ -825,7 +825,8 @@ def test_covariances_of_the_messages(bag: Path, tmp_path: Path) -> None:
             squares[name].append(float(error @ np.linalg.solve(covariance, error)) / len(error))
         # one tangent plane within some 100 m: map and east-north-up are alike
         np.testing.assert_allclose(place, pose[:3, :3], rtol=1e-3, atol=1e-3)
-        np.testing.assert_allclose(np.reshape(i.orientation_covariance, (3, 3)), pose[3:, 3:], rtol=0.01, atol=1e-9)
+        # meridians converge by 2e-5 rad on the way, which turns as much of heading's variance, 1e-4, into others
+        np.testing.assert_allclose(np.reshape(i.orientation_covariance, (3, 3)), pose[3:, 3:], rtol=0.01, atol=2e-9)
         assert np.diag(np.reshape(i.angular_velocity_covariance, (3, 3))).min() > 0.0
         assert np.diag(np.reshape(i.linear_acceleration_covariance, (3, 3))).min() > 0.0
     # one run, whose errors are alike for 10 s; the solution has gone on for some 3 s since its covariance
@@ -893,7 +894,8 @@ def test_no_change_is_missed_at_a_low_rate(bag: Path, tmp_path: Path) -> None:
     variances = {o.pose.covariance[0] for o in odometry[3:]}
     assert len(variances) == len(odometry) - 3
     with BagReader(out) as reader:
-        assert reader.topics["/imu/bias"].count >= len(odometry) - 2
+        # nothing is found in the first 4.4 s: until it is settled, and has had its time to arrive
+        assert reader.topics["/imu/bias"].count >= len(odometry) - 3
 
 
 # Bad input

@@ -93,3 +93,30 @@ def test_velocity_of_a_blow() -> None:
     velocity, variance = noise.velocity(series, noise.fit(series))
     assert velocity[61, 0] == pytest.approx(1e-2, rel=0.01)
     assert abs(velocity[-1, 0]) < 4.0 * math.sqrt(variance) + 1e-12
+
+
+def test_noise_of_a_similar_series_is_found_from_there() -> None:
+    """The axes turned between two searches: swell found the first time need not be sought again."""
+    rng = np.random.default_rng(3)
+    time, series, limits = _sensors(60.0, rng)
+    series += _sea(60.0, 9.0, rng)
+    first = TrendNoise.of(time, 60.0, series, limits)
+    c, s = math.cos(2.0), math.sin(2.0)
+    turned = series @ np.array([[c, -s], [s, c]]) + 1e-6 * time[:, None]
+    anew, again = (TrendNoise.of(time, 60.0, turned, limits, similar) for similar in (None, first))
+    # both climbs end within 1e-4 of the greatest log-likelihood; sigmas differ by 1e-3 then, slopes by 1e-2 of them
+    fit, other = anew.fit(turned), again.fit(turned)
+    assert other.slope_variance == pytest.approx(fit.slope_variance, rel=0.01)
+    np.testing.assert_allclose(other.slope, fit.slope, atol=0.02 * math.sqrt(fit.slope_variance))
+
+
+def test_sensors_noise_is_the_most_that_the_data_does_not_contradict() -> None:
+    """Fast noise that tells the truth is taken for it; 30 times as much is not, for white noise."""
+    time, series, limits = _sensors(60.0, np.random.default_rng(0))
+    for excess in (1.0, 30.0):
+        noise = TrendNoise.of(time, 60.0, series, excess**2 * limits)
+        white, walk = np.sqrt(noise.sensor_noise(series, excess**2 * limits)) / [WHITE, WALK]
+        # of 240 numbers: one sigma is 4.6 %, and what is not contradicted is two sigmas more
+        assert white == pytest.approx(1.0, abs=0.2)
+        # a minute shows the walk badly: 16 times as much of it would not be contradicted
+        assert 0.999 < walk < 1.001 * excess
