@@ -46,6 +46,7 @@ setup(
             "mypy>=1.10",
             "pyproj>=3.6",
             "pytest>=8.0",
+            "pytest-xdist>=3.5",
             "python-ins>=1.0",
             "ruff>=0.9",
             "types-PyYAML>=6.0",
