@@ -201,10 +201,11 @@ class AidedNavigator(AidIntake):
         model = accuracy.error_model(self.parameters, self._noise)
         own = {name: aid.states for name, aid in self._aids.items() if aid.states}
         if self._log_found and aids.LOG in own:
-            own[aids.LOG] = tuple(
+            mounted = [
                 replace(state, value=value, stddev=stddev)
-                for state, (value, stddev) in zip(own[aids.LOG], self._log_found, strict=True)
-            )
+                for state, (value, stddev) in zip(own[aids.LOG], self._log_found[:3], strict=False)
+            ]
+            own[aids.LOG] = (*mounted, *own[aids.LOG][3:])
         self.filter = accuracy.filter_of(model, covariance, own)
         self.phase = Phase.FINE
         self._filtered = self.state

@@ -302,9 +302,6 @@ def make(values: Mapping[str, Value]) -> dict[str, Aid]:
         return float(values[name])  # type: ignore[arg-type]
 
     settings = {name: Settings.of(name, values) for name in (GNSS, GNSS_VELOCITY, LOG, DEPTH, PRESSURE, RANGE)}
-    slow = number("gnss.slow_stddev")
-    time = number("gnss.slow_time")
-    drift = SlowState(slow, slow * math.sqrt(2.0 / time), time)
     misalignment = math.radians(number("log.misalignment_stddev_deg"))
     log = Log(
         tuple(math.radians(x) for x in _vector(values["log.mounting_rpy_deg"])),  # type: ignore[arg-type]
@@ -312,13 +309,14 @@ def make(values: Mapping[str, Value]) -> dict[str, Aid]:
         SlowState(number("log.scale_stddev"), value=number("log.scale")),
         SlowState(misalignment, value=math.radians(number("log.pitch_deg"))),
         SlowState(misalignment, value=math.radians(number("log.yaw_deg"))),
-        _current(number) if values["log.water_track"] else None,
+        _wandering(number, "log.current") if values["log.water_track"] else None,
+        _wandering(number, "log.slow") if values["log.slow_stddev"] else None,
     )
     height = number("depth.surface_height")
     unsure = _ANYWHERE if math.isnan(height) else number("depth.surface_stddev")
     surface = (SlowState(unsure),) if unsure > 0.0 else ()
     aids: dict[str, Aid] = {
-        GNSS: _Gnss(settings[GNSS], (drift,) * 3 if slow > 0.0 else ()),
+        GNSS: _Gnss(settings[GNSS], (_wandering(number, "gnss.slow"),) * 3 if values["gnss.slow_stddev"] else ()),
         GNSS_VELOCITY: _GnssVelocity(settings[GNSS_VELOCITY]),
         LOG: _Log(settings[LOG], log.states, "", log),
         DEPTH: _Depth(settings[DEPTH], surface, "", _Surface(height)),
@@ -334,9 +332,9 @@ def make(values: Mapping[str, Value]) -> dict[str, Aid]:
     return {name: aid for name, aid in (aids | _ranges(values, settings[RANGE])).items() if aid.settings.enabled}
 
 
-def _current(number: Callable[[str], float]) -> SlowState:
-    """Of the water."""
-    stddev, time = number("log.current_stddev"), number("log.current_time")
+def _wandering(number: Callable[[str], float], name: str) -> SlowState:
+    """By the parameters ``<name>_stddev``, of the process at any time, and ``<name>_time``, its correlation time."""
+    stddev, time = number(f"{name}_stddev"), number(f"{name}_time")
     return SlowState(stddev, stddev * math.sqrt(2.0 / time), time)
 
 

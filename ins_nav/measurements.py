@@ -136,7 +136,8 @@ class Log:
 
     It reads ``(1 + scale) v + (0, a_y, a_z) x v``; its own states are scale and the two angles, rad, by which the
     direction of its x axis is wrong. v is the velocity of the sensor on its nominal axes; where it measures through
-    water, less the current, whose east and north components, m/s, are two states more.
+    water, less the current, whose east and north components, m/s, are two states more. What it reads may be off by a
+    slow error besides, three states on its axes, m/s.
 
     Parameters
     ----------
@@ -148,6 +149,8 @@ class Log:
         Errors of the unit.
     current : SlowState or None
         Each component; None: it measures over the ground.
+    slow : SlowState or None
+        On each axis; None: its error is white.
     """
 
     def __init__(
@@ -158,8 +161,13 @@ class Log:
         pitch: SlowState = ABSENT,
         yaw: SlowState = ABSENT,
         current: SlowState | None = None,
+        slow: SlowState | None = None,
     ) -> None:
-        self.states = (scale, pitch, yaw) + (() if current is None else (current, current))
+        currents = () if current is None else (current,) * 2
+        slows = () if slow is None else (slow,) * 3
+        self.states: tuple[SlowState, ...] = (scale, pitch, yaw, *currents, *slows)
+        self._current = slice(3, 3 + len(currents))
+        self._slow = slice(self._current.stop, len(self.states))
         self._rot_sb: Array = Rotation.from_euler("ZYX", rpy[::-1]).as_matrix().T
         self._lever_arm = lever_arm
 
@@ -174,19 +182,25 @@ class Log:
         body = np.add(strapdown.velocity_body(solution.state), np.cross(_rate_to_earth(solution), self._lever_arm))
         rot_nb = rotation_matrix(solution.state[0:4])  # type: ignore[arg-type]
         to_n = _east_north(solution.state)
-        current = to_n @ np.asarray(own[3:]) if len(self.states) > 3 else np.zeros(3)
+        through_water = self._current.stop > self._current.start
+        current = to_n @ np.asarray(own[self._current]) if through_water else np.zeros(3)
         x, y, w = map(float, self._rot_sb @ (body - rot_nb.T @ current))
         reads = np.array([[1.0 + scale, -a_z, a_y], [a_z, 1.0 + scale, 0.0], [-a_y, 0.0, 1.0 + scale]])
         z = reads @ (x, y, w) - velocity
         reads = reads @ self._rot_sb
+        with_slow = self._slow.stop > self._slow.start
+        if with_slow:
+            z = z + own[self._slow]
         h: Array = np.zeros((3, SIZE))
         h[:, VELOCITY] = reads @ rot_nb.T
         h[:, GYRO_BIAS] = reads @ _cross_matrix(self._lever_arm)
         columns = np.array([[x, w, -y], [y, 0.0, x], [w, -x, 0.0]])
-        if len(self.states) > 3:  # it stays where it is when attitude is wrong
+        if through_water:  # it stays where it is when attitude is wrong
             h[:, ATTITUDE] = -reads @ rot_nb.T @ _cross_matrix(current.tolist())
             h[:, COSINE] = -reads @ rot_nb.T @ current
             columns = np.hstack([columns, -reads @ rot_nb.T @ to_n])
+        if with_slow:
+            columns = np.hstack([columns, np.eye(3)])
         r = np.asarray(covariance, float)[np.ix_(axes, axes)]
         return Measurement(z[axes], h[axes], r, VELOCITY, columns[axes])
 

@@ -243,9 +243,9 @@ PARAMETERS = (
     ),
     Parameter(
         "aiding.feedback_time",
-        2.0,
-        "after so long what the filter has found takes effect in ins_node, s of data: what its way there may take, with "
-        "the time to find it; at N times real time it takes N times as much data",
+        1.0,
+        "after so long what the filter has found takes effect in ins_node, s of data: what its way there may take and "
+        "finding it; at N times real time that is N times as much data",
         0.2,
         3.0,
     ),
@@ -272,6 +272,8 @@ PARAMETERS = (
     Parameter("log.pitch_deg", 0.0, "known error of mounting_rpy_deg about its y axis, deg", -45.0, 45.0),
     Parameter("log.yaw_deg", 0.0, "the same about its z axis, deg", -45.0, 45.0),
     Parameter("log.misalignment_stddev_deg", 0.5, "uncertainty of these angles, each, deg", 0.0, 45.0),
+    Parameter("log.slow_stddev", 0.0, "besides, an error that changes slowly, each axis, m/s; 0: none", 0.0, 10.0),
+    Parameter("log.slow_time", 30.0, "its correlation time, s", 0.01, 1e5),
     Parameter("log.water_track", False, "it measures velocity through water: the current is estimated"),
     Parameter("log.current_stddev", 0.3, "of that current, east and north each, m/s", 1e-3, 10.0),
     Parameter("log.current_time", 3600.0, "its correlation time, s", 1.0, 1e6),

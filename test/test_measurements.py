@@ -41,7 +41,7 @@ def measuring() -> dict[str, tuple[Aid, int]]:
     """Every aid with a value it may read, and how many states of its own it has."""
     position, velocity, depth = GnssPosition(ARM), GnssVelocity(ARM), Depth(ARM)
     log, beacon = Log(RPY, ARM), BeaconRange(ARM, SlowState(1e-3), SlowState(1.0))
-    through_water = Log(RPY, ARM, current=SlowState(0.3))
+    through_water, wandering = (Log(RPY, ARM, current=SlowState(0.3), slow=slow) for slow in (None, SlowState(0.1)))
     return {
         "gnss position": (lambda s, own: position.measure(s, LAT + 1e-6, LON - 1e-6, 31.0, COVARIANCE), 0),
         "gnss velocity": (lambda s, own: velocity.measure(s, (4.0, 7.0, 0.3), COVARIANCE), 0),
@@ -49,6 +49,7 @@ def measuring() -> dict[str, tuple[Aid, int]]:
         "log": (lambda s, own: log.measure(s, own, (8.0, 1.0, 0.5), COVARIANCE), 3),
         "log, one axis": (lambda s, own: log.measure(s, own, (8.0, math.nan, math.nan), COVARIANCE), 3),
         "log through water": (lambda s, own: through_water.measure(s, own, (8.0, 1.0, 0.5), COVARIANCE), 5),
+        "log that wanders": (lambda s, own: wandering.measure(s, own, (8.0, 1.0, 0.5), COVARIANCE), 8),
         "range": (lambda s, own: beacon.measure(s, own, BEACON, 250.0, 1.0), 2),
         "zero velocity": (lambda s, own: ZeroVelocity().measure(s, 0.01), 0),
     }
@@ -56,7 +57,7 @@ def measuring() -> dict[str, tuple[Aid, int]]:
 
 NAMES = list(measuring())
 RAW_RATE = np.array([0.3, -0.2, 0.5])
-OWN = np.array([0.02, -0.03, 0.05, 0.4, -0.7])
+OWN = np.array([0.02, -0.03, 0.05, 0.4, -0.7, 0.3, -0.2, 0.1])
 
 
 def state_at() -> strapdown.State:
