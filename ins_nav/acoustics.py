@@ -45,13 +45,14 @@ class Beacon:
         self.moored = place is not None
         self.reference: Array | None = None if place is None else geodetic_to_ecef(*place)
         self._speed = speed
+        self._fixed_ns: int | None = None
         velocity = SlowState(speed, speed * math.sqrt(2.0 / _MANOEUVRE), _MANOEUVRE)
         self.states = () if self.moored else (SlowState(_ANYWHERE, derivative=3),) * 3 + (velocity,) * 3
 
     def restart(self) -> None:
         """The filter begins anew, and with it the states."""
         if not self.moored:
-            self.reference = None
+            self.reference = self._fixed_ns = None
 
     def at(self, own: Array, ago: float) -> Array | None:
         """Where it was so long ago, s, Earth-fixed, shape (3,), by the states in use; None when nobody knows."""
@@ -64,12 +65,21 @@ class Beacon:
         """Of the states, shape (k,): what a measure along a direction, Earth-fixed, changes with."""
         return np.zeros(0) if self.moored else np.asarray(direction @ self._way(ago), float)
 
-    def measure(self, own: Array, fix: tuple[float, float, float], covariance: Array, ago: float) -> Measurement:
-        """What a fix says that was true so long ago, s; rad and m, covariance on east, north, up, shape (3, 3), m²."""
+    def measure(
+        self, own: Array, stamp_ns: int, fix: tuple[float, float, float], covariance: Array, ago: float
+    ) -> Measurement:
+        """What a fix says of that stamp, so long ago, s; rad and m, covariance on east, north, up, shape (3, 3), m².
+
+        The first after a restart is the reference. What is not known of the way since is much the same for all fixes
+        that are as late, and each is told a variance so much larger.
+        """
         place, axes = geodetic_to_ecef(*fix), enu_axes(fix[0], fix[1])
         if self.reference is None:
             self.reference = place
-        r = axes @ covariance @ axes.T + self._wandered(ago) * np.eye(3)
+        interval = math.inf if self._fixed_ns is None else abs(stamp_ns - self._fixed_ns) * 1e-9
+        self._fixed_ns = stamp_ns
+        alike = max(1.0, ago / interval) if interval > 0.0 else 1.0
+        r = axes @ covariance @ axes.T + alike * self.way_stddev(ago) ** 2 * np.eye(3)
         way = self._way(ago)
         return Measurement(self.reference + way @ own - place, np.zeros((3, SIZE)), r, None, way)
 
@@ -78,8 +88,8 @@ class Beacon:
         back = _MANOEUVRE * (1.0 - math.exp(-ago / _MANOEUVRE))
         return np.hstack([np.eye(3), -back * np.eye(3)])
 
-    def _wandered(self, ago: float) -> float:
-        """Variance, m², of each component of that way, when velocity at one end of it is known."""
-        kept = math.exp(-ago / _MANOEUVRE)
-        along = 2.0 * ago / _MANOEUVRE - 3.0 + 4.0 * kept - kept**2
-        return max(0.0, (self._speed * _MANOEUVRE) ** 2 * along)
+    def way_stddev(self, time: float) -> float:
+        """Sigma of each component of its way in a time, s, when velocity at one end of it is known, m."""
+        kept = math.exp(-time / _MANOEUVRE)
+        along = 2.0 * time / _MANOEUVRE - 3.0 + 4.0 * kept - kept**2
+        return self._speed * _MANOEUVRE * math.sqrt(max(0.0, along))

@@ -15,6 +15,12 @@ from ins_nav.stop_records import Triple
 
 _AHEAD_NS = 5_000_000_000
 """ns: a stamp further ahead of the IMU's is of another clock."""
+_LOST = -32.768
+"""m/s: of a log in PD0, on an axis without bottom."""
+_LATE = 30.0
+"""s by which a beacon's fix may be late, and nothing is wrong."""
+_USELESS = 300.0
+"""m, one sigma of a beacon's way since its fix, that leave nothing of what it says."""
 
 
 class AidIntake(Navigator):
@@ -24,6 +30,8 @@ class AidIntake(Navigator):
     ----------
     settled_ns : int
         Up to here the filter has come: what is stamped so is too late; 0 before it has begun.
+    heard : set of str
+        Aids of which something has come since alignment began.
     """
 
     def _begin(self) -> None:
@@ -36,6 +44,7 @@ class AidIntake(Navigator):
     def _align(self) -> None:
         super()._align()
         self.settled_ns = self._began_ns = 0
+        self.heard: set[str] = set()
         for aid in self._aids.values():
             if isinstance(aid, BeaconFix):
                 aid.beacon.restart()
@@ -74,9 +83,11 @@ class AidIntake(Navigator):
     def add_log(self, stamp_ns: int, velocity: Triple, covariance: Sequence[float] = ()) -> None:
         """Take a velocity on the log's axes, m/s, NaN for an axis not measured; covariance row by row, or empty.
 
-        Zero on all three axes is what some logs say that have lost the bottom: it is left out.
+        What logs say that have lost the bottom is left out: -32.768 (format PD0), or exact zeros forward and across.
         """
-        if any(map(math.isfinite, velocity)) and velocity != (0.0, 0.0, 0.0):
+        velocity = tuple(math.nan if abs(x - _LOST) < 1e-6 else x for x in velocity)  # type: ignore[assignment]
+        known = [abs(x) for x in velocity if math.isfinite(x)]
+        if known and velocity[:2] != (0.0, 0.0) and max(known) <= self._number("log.max_speed"):
             self._observe(aids.LOG, stamp_ns, velocity, covariance, 3)
         else:
             self._unusable(aids.LOG, stamp_ns, velocity)
@@ -132,6 +143,7 @@ class AidIntake(Navigator):
             self._unusable(name, stamp_ns, place)
 
     def _unusable(self, name: str, stamp_ns: int, value: tuple[float, ...]) -> None:
+        self.heard.add(name)
         text = f"{aids.topic(name)}: {value} says nothing, left out"
         self.health.note(f"{name} unusable", INFO, text, stamp_ns)
 
@@ -139,12 +151,13 @@ class AidIntake(Navigator):
         self, name: str, stamp_ns: int, value: tuple[float, ...], covariance: Sequence[float], size: int
     ) -> None:
         aid = self._aids.get(name)
-        if aid is None or self.stamp_ns == 0:
+        if aid is None or (self.stamp_ns == 0 and not isinstance(aid, BeaconFix)):
             return
+        self.heard.add(name)
         stamp_ns -= aid.settings.delay_ns
         if stamp_ns <= self.settled_ns and not self._is_of_use(name, aid, stamp_ns):
             return
-        if stamp_ns - self.stamp_ns > _AHEAD_NS:
+        if self.stamp_ns and stamp_ns - self.stamp_ns > _AHEAD_NS:
             ahead = (stamp_ns - self.stamp_ns) * 1e-9
             self.health.note(
                 f"{name} ahead",
@@ -155,31 +168,38 @@ class AidIntake(Navigator):
             return
         missing = [i for i, x in enumerate(value) if not math.isfinite(x)]
         used = aid.settings.covariance(covariance, size, missing)
-        heapq.heappush(self._queue, Observation(stamp_ns, name, value, next(self._count), used))
+        seen = Observation(stamp_ns, name, value, next(self._count), used)
+        if isinstance(aid, BeaconFix):
+            self._beacon_fixes[name] = max(seen, self._beacon_fixes.get(name, seen))
+            if self.stamp_ns == 0:
+                return
+        heapq.heappush(self._queue, seen)
         if not self.settled_ns:  # the filter will begin later
             self._forget(self.stamp_ns - LENGTH_NS)
 
     def _is_of_use(self, name: str, aid: Aid, stamp_ns: int) -> bool:
-        """Whether an observation of before the filter's state is; of where a beacon was, always."""
-        is_fix, late = isinstance(aid, BeaconFix), (self.stamp_ns - stamp_ns) * 1e-9
-        if stamp_ns > self._began_ns:
-            text = f"{aids.topic(name)}: {late:.2f} s behind imu/data_raw, "
-            if is_fix:
-                self.health.note(f"{name} late", INFO, f"{text}taken for where the beacon was then", stamp_ns)
-            else:
-                text += "left out: raise aiding.max_delay, or check its clock"
-                self.health.note(f"{name} late", WARN, text, stamp_ns)
-        return is_fix
+        """Whether an observation of before the filter's state is; of where a beacon was, unless that is long ago."""
+        late = (self.stamp_ns - stamp_ns) * 1e-9
+        text, level = f"{aids.topic(name)}: {late:.2f} s behind imu/data_raw, ", WARN
+        if isinstance(aid, BeaconFix):
+            of_use = name not in self._beacon_fixes or aid.beacon.way_stddev(late) < _USELESS
+            if of_use and late < _LATE:
+                level = INFO
+            text += "taken for where the beacon was then" if of_use else "left out: check its clock"
+        else:
+            of_use = False
+            text += "left out: raise aiding.max_delay, or check its clock"
+        if stamp_ns > self._began_ns or (level == WARN and isinstance(aid, BeaconFix)):
+            self.health.note(f"{name} late", level, text, self.stamp_ns)
+        return of_use
 
     def _forget(self, until_ns: int) -> None:
-        """Observations up to a stamp are of no use; but where a beacon was last is."""
+        """Observations up to a stamp are of no use."""
         while self._queue and self._queue[0].stamp_ns <= until_ns:
-            seen = heapq.heappop(self._queue)
-            if isinstance(self._aids[seen.aid], BeaconFix):
-                self._beacon_fixes[seen.aid] = seen
+            heapq.heappop(self._queue)
 
     def _recall(self) -> None:
         """Let the filter, which begins now, take where each beacon was last."""
         for seen in self._beacon_fixes.values():
-            heapq.heappush(self._queue, seen)
-        self._beacon_fixes = {}
+            if seen.stamp_ns <= self.settled_ns:  # the others are in the queue
+                heapq.heappush(self._queue, seen)

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from ins_nav import accuracy, aids, strapdown
 from ins_nav.aid_intake import AidIntake
-from ins_nav.aids import Observation, Record
+from ins_nav.aids import Aid, Observation, Record
 from ins_nav.attitude import rotate
 from ins_nav.coarse_alignment import Alignment
 from ins_nav.error_filter import ErrorFilter, Measurement, Solution
@@ -94,13 +94,16 @@ class AidedNavigator(AidIntake):
 
     def _begin(self) -> None:
         self.filter = None
+        self._log_found: list[tuple[float, float]] = []
         super()._begin()
         self._out: list[Feedback] = []
+        self._placed = False
         self._recent: deque[tuple[int, strapdown.Sample]] = deque()
 
     def _align(self) -> None:
         super()._align()
-        self._log_found = self.own_states(aids.LOG) if self.found_calibration else []  # how it is mounted stays
+        if self.found_calibration:
+            self._log_found = self.own_states(aids.LOG)[:3]  # how it is mounted stays
         self.filter = None
         self.records: dict[str, Record] = {}
         self._pending: deque[tuple[int, strapdown.Sample]] = deque()
@@ -125,20 +128,24 @@ class AidedNavigator(AidIntake):
 
     def missed(self) -> list[str]:
         """What has become of aids that have had nothing accepted for a while, but for GNSS that is silent."""
-        if self._until_aligned and self.phase is Phase.NAVIGATING:
+        if self.filter is None or (self._until_aligned and self.phase is Phase.NAVIGATING):
             return []
-        said = []
-        for name, record in self.records.items():
-            last = record.last
-            if name not in self._aids or last is None:
-                continue
-            since_ns = record.accepted_ns or self._began_ns
-            silent, out = ((self.settled_ns - stamp_ns) * 1e-9 for stamp_ns in (last.stamp_ns, since_ns))
-            if silent > _MISSED and not name.startswith(aids.GNSS):
-                said.append(f"{aids.topic(name)}: nothing usable for {silent:.0f} s")
-            elif silent <= _MISSED < out:
-                said.append(f"{aids.topic(name)}: {last.reason} for {out:.0f} s: check its sigma, lever arm and clock")
-        return said
+        found = (self._missed(name, aid) for name, aid in self._aids.items())
+        return [f"{aids.topic(name)}: {text}" for name, text in zip(self._aids, found, strict=True) if text]
+
+    def _missed(self, name: str, aid: Aid) -> str:
+        record = self.records.get(name, Record())
+        taken_ns = record.last.stamp_ns if record.last is not None else 0
+        silent, out = ((self.settled_ns - max(ns, self._began_ns)) * 1e-9 for ns in (taken_ns, record.accepted_ns))
+        usual = max(_MISSED, 5.0 * record.interval)
+        may_be_silent = name.startswith(aids.GNSS) or isinstance(aid, aids.BeaconFix)
+        if silent > usual and name in self.heard and not may_be_silent:
+            return f"nothing usable for {silent:.0f} s"
+        if silent > usual and name not in self.heard and isinstance(aid, aids.Range):
+            return "never heard"
+        if record.last is not None and silent <= usual < out:
+            return f"{record.last.reason} for {out:.0f} s: check its sigma, lever arm and clock"
+        return ""
 
     def call_zupt(self, stamp_ns: int) -> None:
         """A ZUPT service was called at this stamp; what the stop shows is taken where the policy says so."""
@@ -181,6 +188,7 @@ class AidedNavigator(AidIntake):
             return False  # older than what is known here, or newer, or of a sample that was lost
         now = stamps.index(feedback.stamp_ns)
         self.state, self.gyro_bias, self.accel_bias = feedback.state, feedback.gyro_bias, feedback.accel_bias
+        self._placed = True  # before
         where = strapdown.geodetic(self.state)
         self.map = self.map or strapdown.MapFrame(where.lat, where.lon, where.height)
         self.aligned_ns = aligned_ns
@@ -203,7 +211,7 @@ class AidedNavigator(AidIntake):
         if self._log_found and aids.LOG in own:
             mounted = [
                 replace(state, value=value, stddev=stddev)
-                for state, (value, stddev) in zip(own[aids.LOG], self._log_found[:3], strict=False)
+                for state, (value, stddev) in zip(own[aids.LOG], self._log_found, strict=False)
             ]
             own[aids.LOG] = (*mounted, *own[aids.LOG][3:])
         self.filter = accuracy.filter_of(model, covariance, own)
@@ -299,16 +307,20 @@ class AidedNavigator(AidIntake):
         now_ns = max(seen.stamp_ns, self.settled_ns)
         own = self.filter.own(seen.aid, aid.shares)
         solution = self.filter.solution(state, self._rate(max(0.0, after), raw), self.gyro_bias, now_ns)  # type: ignore[arg-type]
-        patience = aid.patience(seen)
-        if isinstance(aid, aids.Range):
-            measurement = self._ranged(aid, solution, own, seen)
-            gnss = self.records.get(aids.GNSS)
-            if gnss is not None and gnss.accepted:  # satellites have said where this is: it is the beacon that lies
-                patience = 0.0
-        else:
-            measurement = aid.measure(solution, own, seen)
+        ranged = isinstance(aid, aids.Range)
+        measurement = self._ranged(aid, solution, own, seen) if ranged else aid.measure(solution, own, seen)  # type: ignore[arg-type]
         if measurement is not None:
-            self._update(seen.aid, now_ns, measurement, aid.settings.gate, patience)
+            self._update(seen.aid, now_ns, measurement, aid.settings.gate, self._patience(aid, seen))
+            self._placed = self._placed or (seen.aid == aids.GNSS and self.records[seen.aid].accepted > 0)
+
+    def _patience(self, aid: Aid, seen: Observation) -> float:
+        """How long not to believe an aid, s; for ever where that it is wrong is more likely than the solution."""
+        patience = aid.patience(seen)
+        if isinstance(aid, aids.Range) and self._placed:  # it is the beacon that is not where it says
+            return 0.0
+        if seen.aid == aids.LOG and patience > 0.0 and self.records.get(seen.aid, Record()).accepted:
+            return math.inf  # it has agreed before: it has lost the bottom
+        return patience
 
     def _ranged(self, aid: aids.Range, solution: Solution, own: Array, seen: Observation) -> Measurement | None:
         """What a range says; where position is hardly known, what it says together with others (`range_search`)."""
@@ -322,14 +334,17 @@ class AidedNavigator(AidIntake):
         spread = aid.spread(solution, self.filter.own_covariance(aid.shares))
         if not uncertain(covariance[:2, :2], away):
             self._searches.pop(name, None)
+            if uncertain(spread[:2, :2], away):
+                text = f"{aids.topic(name)}: where the beacon is is known to {math.sqrt(spread.trace()):.0f} m only"
+                self.health.note(f"{name} unusable", INFO, text, seen.stamp_ns)
+                return None
             return aid.measure(solution._replace(position_covariance=covariance + spread), own, seen)
-        covariance = covariance[:2, :2]
-        variance = float(seen.covariance[0, 0] + away @ spread @ away / (away @ away))
+        covariance = (covariance + spread)[:2, :2]  # from the beacon to here
         search = self._searches.setdefault(name, RangeSearch())
         distance = seen.value[0]
         scale, bias = self.filter.own_stddev(name).tolist()
         common = (scale * distance) ** 2 + bias**2
-        search.add(away, distance, variance + common, covariance)
+        search.add(away, distance, float(seen.covariance[0, 0]) + common, covariance)
         found = search.settled(away)
         if found is None:
             sigma = math.sqrt(covariance.trace())
@@ -339,7 +354,9 @@ class AidedNavigator(AidIntake):
             return None
         del self._searches[name]
         h: Array = np.eye(2, SIZE)
-        return Measurement(-found[0], h, found[1] + common * np.eye(2), POSITION)  # many ranges do not average that
+        columns = aid.place_columns(solution, seen)
+        r = found[1] + common * np.eye(2)  # many ranges do not average that
+        return Measurement(-found[0], h, r, POSITION, None if columns is None else -columns[:2], aid.shares)
 
     def _update(
         self, name: str, stamp_ns: int, measurement: Measurement, gate: float = GATE, patience: float = PATIENCE
@@ -357,11 +374,14 @@ class AidedNavigator(AidIntake):
             )
             return
         if update.reason:
-            self.health.tell(
-                WARN,
-                f"{aids.topic(name)}: accepted {update.reason} (test ratio "
-                f"{update.test_ratio:.1f}): the solution was wrong by more than its sigma",
-            )
+            text = f"{aids.topic(name)}: accepted {update.reason} (test ratio {update.test_ratio:.1f}): "
+            if measurement.direct is not None:
+                text += "the solution was wrong by more than its sigma"
+            elif name.startswith(aids.BEACON):
+                text += "the beacon was elsewhere: is range.beacon_speed too small?"
+            else:
+                text += "its own error is another than before"
+            self.health.tell(WARN, text)
         before = self.state
         self.state, gyro, accel = self.filter.feed_back(before, self.gyro_bias, self.accel_bias)  # type: ignore[arg-type]
         self._filtered, self.gyro_bias, self.accel_bias = self.state, gyro, accel

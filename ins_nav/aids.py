@@ -75,11 +75,22 @@ class Record:
     accepted: int = 0
     rejected: int = 0
     last: Update | None = None
+    first_ns: int = 0
+    """Stamp of the first."""
     accepted_ns: int = 0
+    """Stamp of the last accepted."""
+
+    @property
+    def interval(self) -> float:
+        """Mean from one to the next, s; 0 before there are two."""
+        if self.last is None:
+            return 0.0
+        return (self.last.stamp_ns - self.first_ns) * 1e-9 / max(1, self.accepted + self.rejected - 1)
 
     def take(self, update: Update) -> None:
         """One more."""
         self.last = update
+        self.first_ns = self.first_ns or update.stamp_ns
         if update.accepted:
             self.accepted += 1
             self.accepted_ns = update.stamp_ns
@@ -261,7 +272,7 @@ class Range(Aid):
     def measure(self, solution: Solution, own: Array, seen: Observation) -> Measurement | None:
         place = self.place(own, seen)
         if place is None:
-            return None
+            return None  # nobody knows where it is
         mine = own[: len(self.states)]
         plain = self.meter.measure(solution, mine, place, seen.value[0], float(seen.covariance[0, 0]))
         if plain is None or not self.shares:
@@ -270,6 +281,14 @@ class Range(Aid):
         from_beacon: Array = np.array(rotate(solution.state[7:11], *plain.h[0, POSITION].tolist()))  # type: ignore[arg-type]
         columns = self.beacon.columns(-from_beacon, self._ago(seen))
         return plain._replace(own=np.hstack([plain.own, columns[None]]), shares=self.shares)
+
+    def place_columns(self, solution: Solution, seen: Observation) -> Array | None:
+        """Of the states, on the beacon's place on n when sound left it, shape (3, k); None where it is moored."""
+        if not self.shares:
+            return None
+        rot_en = rotation_matrix(solution.state[7:11])  # type: ignore[arg-type]
+        columns = [self.beacon.columns(axis, self._ago(seen)) for axis in rot_en.T]
+        return np.hstack([np.zeros((3, len(self.states))), columns])
 
     def spread(self, solution: Solution, covariance: Array) -> Array:
         """Covariance of the beacon's place on n, shape (3, 3), m², from that of its states."""
@@ -292,7 +311,8 @@ class BeaconFix(Aid):
 
     def measure(self, solution: Solution, own: Array, seen: Observation) -> Measurement | None:
         lat, lon, height = seen.value
-        return self.beacon.measure(own, (lat, lon, height), seen.covariance, (solution.stamp_ns - seen.stamp_ns) * 1e-9)
+        ago = (solution.stamp_ns - seen.stamp_ns) * 1e-9
+        return self.beacon.measure(own, seen.stamp_ns, (lat, lon, height), seen.covariance, ago)
 
 
 def make(values: Mapping[str, Value]) -> dict[str, Aid]:

@@ -272,7 +272,8 @@ class ErrorFilter:
         gate : float
             Probability with which a good measurement is rejected.
         patience : float
-            s; 0 for one that is never believed against the filter.
+            s; 0 for one that is never believed against the filter, infinite for one that is only where the filter has
+            drifted.
 
         Returns
         -------
@@ -310,7 +311,8 @@ class ErrorFilter:
             track = track.rejecting(stamp_ns, residual, ratio)
             if not track.stands_alone(r, float(predicted.trace()), patience) or not self._widen(track, h, r, direct):
                 self._tracks = self._tracks | {aid: track}
-                return Update(aid, stamp_ns, tuple(residual.tolist()), sigma, ratio, False, "outside the gate", factor)
+                reason = "outside the gate" if ratio > 1.0 else "says what those outside the gate have said"
+                return Update(aid, stamp_ns, tuple(residual.tolist()), sigma, ratio, False, reason, factor)
             reason = f"after {len(track.rejected)} rejected that agree"
             ph = self.p @ h.T
             inverse = np.linalg.inv(h @ ph + r)

@@ -30,15 +30,23 @@ _FAR = 4.0
 """A test ratio above it is a jump, not a filter that has left: twice as far as the gate is wide."""
 _EXCESS = 4.0
 """Sigmas of a median: by less than that an aid's noise may exceed what it says by chance."""
+_LONG_NS = 2**62
+"""ns: longer than anybody waits."""
 
 
 class Track(NamedTuple):
-    """History of an aid; those it has grown by are others.
+    """History of an aid; what is added makes another.
+
+    A row of `AGREEING` rejected measurements that lie on a straight line is believed
+
+    - when it began near the gate (the filter has drifted), as soon as the filter has become unsure, or after patience;
+    - when it began far away (one of the two has jumped), after patience only; and until then not at all, even if the
+      filter becomes so unsure that it lies within the gate.
 
     Attributes
     ----------
     accepted_ns : int or None
-        Stamp of the last measurement accepted.
+        Stamp of the last measurement accepted; None: none was.
     rejected : tuple of (stamp, innovation)
         The last few rejected since.
     variance : float
@@ -97,12 +105,13 @@ class Track(NamedTuple):
         variance : float
             Predicted at present, of what it measures (its trace).
         patience : float
-            s; 0: never.
+            s; 0: never; infinite: never, where one of the two has jumped.
         """
         if patience <= 0.0 or not self._is_row(len(r)):
             return False
         unsure = self.drifts and variance > _GROWN**2 * self.variance
-        if self.accepted_ns is not None and not unsure and (self.rejected[-1][0] - self.accepted_ns) * 1e-9 < patience:
+        since_ns = self.rejected[-1][0] - (self.accepted_ns or -_LONG_NS)
+        if not unsure and (math.isinf(patience) or since_ns * 1e-9 < patience):
             return False
         values = np.array([z for _, z in self.rejected])
         _, _, scatter = line(self.rejected)

@@ -267,6 +267,7 @@ PARAMETERS = (
     Parameter(
         "log.mounting_rpy_deg", [0.0, 0.0, 0.0], "roll, pitch, yaw of the log's axes in base_link, deg", -360, 360
     ),
+    Parameter("log.max_speed", 100.0, "a message with more on an axis is left out, m/s", 0.1, 1e4),
     Parameter("log.scale", 0.0, "known error of its scale factor: 0.01 where it reads 1 % too much", -0.5, 0.5),
     Parameter("log.scale_stddev", 0.01, "uncertainty of that", 0.0, 1.0),
     Parameter("log.pitch_deg", 0.0, "known error of mounting_rpy_deg about its y axis, deg", -45.0, 45.0),

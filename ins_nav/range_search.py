@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 UNSURE = 0.2
-"""Position is uncertain when its sigma is this share of the horizontal distance: the circle leaves its tangent by a
-fiftieth of the distance then."""
+"""Position is uncertain when its sigma is this share of the distance: the sphere leaves its tangent by a fiftieth of
+the distance then."""
 _SETTLED = 0.08
 """It is known again when it is this one."""
 _AROUND = 360
@@ -129,13 +129,12 @@ class RangeSearch:
         spread = self.offsets - mean
         covariance = np.einsum("k,kij->ij", self.weights, self.covariances)
         covariance = covariance + np.einsum("k,ki,kj->ij", self.weights, spread, spread)
-        flat = float(np.hypot(*(mean + away[:2])))
-        if float(np.linalg.eigvalsh(covariance)[1]) > (_SETTLED * flat) ** 2:
+        place = np.array([*(mean + away[:2]), away[2]])
+        if float(np.linalg.eigvalsh(covariance)[1]) > _SETTLED**2 * float(place @ place):
             return None
         return mean, covariance
 
 
 def uncertain(covariance: Array, away: Array) -> bool:
     """Whether a range of such a direction is no straight line for a position of such a covariance, both as in `add`."""
-    flat = float(np.hypot(away[0], away[1]))
-    return float(np.linalg.eigvalsh(covariance)[1]) > (UNSURE * flat) ** 2
+    return float(np.linalg.eigvalsh(covariance)[1]) > UNSURE**2 * float(away @ away)

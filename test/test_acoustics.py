@@ -7,8 +7,8 @@ import pytest
 
 from ins_nav import earth, strapdown
 from ins_nav.acoustics import Beacon
-from ins_nav.error_filter import ErrorFilter
-from ins_nav.error_model import ErrorModel
+from ins_nav.error_filter import ErrorFilter, Measurement
+from ins_nav.error_model import SIZE, ErrorModel
 
 LAT, LON = 0.97, 0.6
 SECOND = 10**9
@@ -26,8 +26,16 @@ def _geodetic(east: float, north: float) -> tuple[float, float, float]:
     return LAT + north / meridian, LON + east / (prime_vertical * math.cos(LAT)), 0.0
 
 
-def _fix(kalman: ErrorFilter, beacon: Beacon, east: float, north: float, stddev: float, ago: float = 0.0) -> None:
-    fix = beacon.measure(kalman.own("ship"), _geodetic(east, north), stddev**2 * np.eye(3), ago)
+def _fix(
+    kalman: ErrorFilter,
+    beacon: Beacon,
+    east: float,
+    north: float,
+    stddev: float,
+    ago: float = 0.0,
+    stamp_ns: int = 0,
+) -> None:
+    fix = beacon.measure(kalman.own("ship"), stamp_ns, _geodetic(east, north), stddev**2 * np.eye(3), ago)
     assert kalman.update("ship", 0, fix).accepted
     kalman.feed_back(STATE, NONE, NONE)
 
@@ -113,3 +121,38 @@ def test_a_late_fix_tells_as_much_as_one_in_time() -> None:
         found.append(covariance)
     # steps of 0.1 s against the integral; 10 km of what was not known at all
     np.testing.assert_allclose(found[1], found[0], rtol=5e-3, atol=1e-2)
+
+
+def test_late_fixes_among_ranges_have_a_true_covariance() -> None:
+    """20 s late once a second: what is not known of the way since is nearly the same for one and the next."""
+    speed, tau, step, late = 1.0, 30.0, 0.25, 20.0
+    squares = []
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        kept = math.exp(-step / tau)
+        velocity = speed * rng.standard_normal(2)
+        way = [np.zeros(2)]
+        for _ in range(1000):
+            way.append(way[-1] + step * velocity)
+            velocity = kept * velocity + speed * math.sqrt(1.0 - kept**2) * rng.standard_normal(2)
+        beacon = Beacon(None, speed)
+        kalman, axes = _filter(beacon), earth.enu_axes(LAT, LON)
+        for i, here in enumerate(way):
+            then = i - round(late / step)
+            if then >= 0 and i % 4 == 0:
+                place = way[then] + 0.5 * rng.standard_normal(2)
+                _fix(kalman, beacon, *place, 0.5, late, round(then * step * SECOND))
+            elif then >= 0 and i % 20 == 7:  # a measure of its place along one axis
+                side = i // 20 % 2
+                found = _place(kalman, beacon)[0][side]
+                z = np.array([found - here[side] + 0.5 * rng.standard_normal()])
+                columns = beacon.columns(axes[:, side], 0.0)[None]
+                kalman.feed_back(STATE, NONE, NONE)
+                kalman.update("ship", 0, Measurement(z, np.zeros((1, SIZE)), np.array([[0.25]]), None, columns))
+                kalman.feed_back(STATE, NONE, NONE)
+            if i * step > 60.0 and i % 4 == 2:
+                found, covariance = _place(kalman, beacon)
+                squares.append((found - here) @ np.linalg.solve(covariance, found - here) / 2.0)
+            kalman.propagate(STATE, STATE, step)
+    # some 20 independent places of two components: 11 %
+    assert 0.7 < math.sqrt(np.mean(squares)) < 1.4

@@ -201,7 +201,7 @@ def test_lying_gauge_is_told_and_not_believed(offset: float) -> None:
     fed, events, lies = Fed(s), _events(s), s.start_ns + 415 * NS
     fed.feed([event for event in events if event[0] < lies])
     recent = [report.text for report in fed.aided.health.recent(fed.aided.stamp_ns)]
-    assert any(re.match(r"depth: outside the gate: off by \d", text) for text in recent)
+    assert any(re.match(r"depth: (outside the gate|says what .*): off by \d", text) for text in recent)
     fed.feed([event for event in events if event[0] >= lies])
     assert fed.aided.records["depth"].rejected == 60
     _, up = _greatest(fed.since(DIVE))
@@ -409,3 +409,41 @@ def test_one_fix_of_before_the_filter_began_is_where_a_beacon_is() -> None:
 
 def _rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
+
+
+INVALID = (-32.768, -32.768, -32.768)
+CURRENT = (0.3, -0.2, 0.0)
+
+
+@pytest.mark.parametrize("ranges", [True, False])
+@pytest.mark.parametrize("says", ["water", "creeps", "marker", "two zeros"])
+def test_a_log_that_lost_the_bottom_for_longer_than_its_patience(says: str, ranges: bool) -> None:
+    """It falls back to water track, freezes at some mm/s, or says by a number that it knows nothing."""
+    s = _path().redrawn(1)
+    begin, end = (s.start_ns + round(t * NS) for t in (200.0, 440.0))
+    events: list[Event] = []
+    for stamp, kind, values in _events(s, () if ranges else ("range", "beacon")):
+        if kind == "log" and begin < stamp < end:
+            x, y, z = values[1]
+            velocity = {
+                "water": (x - 0.3, y + 0.2, z),
+                "creeps": (0.004, -0.003, 0.002),
+                "marker": INVALID,
+                "two zeros": (0.0, 0.0, z),
+            }[says]
+            values = (stamp, velocity, *values[2:])
+        events.append((stamp, kind, values))
+    fed = Fed(s).feed(events)
+    across, up = _greatest(fed.since(DIVE))
+    assert across < 3.0 and up < 3.0
+    assert fed.counts["log rejected" if says in ("water", "creeps") else "log unusable"] == 239
+    assert fed.aided.records["log"].accepted > 150  # again, once it has found the bottom
+
+
+def test_what_was_never_heard_is_told() -> None:
+    s = _path().redrawn(1)
+    fed = _run(s, ("range", "beacon"))
+    assert fed.aided.missed() == ["range/vessel: never heard"]
+    zeros = [(t, k, (v[0], (0.0, 0.0, 0.0), *v[2:]) if k == "log" else v) for t, k, v in _events(s, until=300.0)]
+    (text,) = Fed(s).feed(zeros).aided.missed()
+    assert re.match(r"log: nothing usable for \d+ s", text)
