@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from ins_nav import error_model, strapdown
 from ins_nav.aided import AidedNavigator
+from ins_nav.aids import BEACON
 from ins_nav.attitude import conjugate, multiply
 from ins_nav.feedback import Feedback
 from ins_nav.health import ERROR, INFO, Health
@@ -370,7 +371,9 @@ def alignment_diagnostics(navigator: AidedNavigator, silent_for: float = 0.0) ->
                 age = (navigator.settled_ns - record.accepted_ns) / _NS
                 values[f"{name}: last accepted"] = f"{age:.1f} s ago"
         own = navigator.own_states(name)
-        if own:
+        if name.startswith(BEACON):
+            values[f"{name}: place sigma"] = f"{math.hypot(*(s for _, s in own[:3])):.2f} m"
+        elif own:
             values[f"{name}: own states"] = ", ".join(f"{x:.4f} ± {s:.4f}" for x, s in own)
     values |= {kind: str(count) for kind, count in navigator.health.counts.items()}
     level, text = _summary(navigator, navigator.health, silent_for)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ins_nav import earth, strapdown
+from ins_nav import earth, messages, strapdown
 from ins_nav.aided import AidedNavigator
 from ins_nav.feedback import Feedback
 from ins_nav.navigator import Navigator, Phase
@@ -438,6 +438,16 @@ def test_a_log_that_lost_the_bottom_for_longer_than_its_patience(says: str, rang
     assert across < 3.0 and up < 3.0
     assert fed.counts["log rejected" if says in ("water", "creeps") else "log unusable"] == 239
     assert fed.aided.records["log"].accepted > 150  # again, once it has found the bottom
+
+
+def test_diagnostics_name_every_aid() -> None:
+    level, text, values = messages.alignment_diagnostics(_plain().aided)
+    assert (level, text) == (0, "navigating")
+    for name in ("depth", "log", "gnss", "range/vessel", "beacon/vessel/fix"):
+        assert int(values[f"{name}: accepted, rejected"].split(", ")[0]) > 50
+    metres = float(values["beacon/vessel/fix: place sigma"].removesuffix(" m"))
+    # fixes of 0.5 m a second, of which each axis remembers some, and a second of way
+    assert 0.3 < metres < 1.5
 
 
 def test_what_was_never_heard_is_told() -> None:
