@@ -457,3 +457,17 @@ def test_what_was_never_heard_is_told() -> None:
     zeros = [(t, k, (v[0], (0.0, 0.0, 0.0), *v[2:]) if k == "log" else v) for t, k, v in _events(s, until=300.0)]
     (text,) = Fed(s).feed(zeros).aided.missed()
     assert re.match(r"log: nothing usable for \d+ s", text)
+
+
+def test_a_place_told_before_the_first_sample_is_not_lost() -> None:
+    """Nor by an alignment that begins again."""
+    still = (("beacon.radii", (0.0,)), ("dive_time", 120.0))
+    s = _path(*still).redrawn(1)
+    events = _events(s)
+    first = next(event for event in events if event[1] == "beacon")
+    early = (first[0] - NS, "beacon", (first[0] - NS, *first[2][1:]))
+    kept = [early, *(event for event in events if event[1] != "beacon")]
+    fed = Fed(s, {"range.beacon_speed": 0.0}).feed(kept)
+    assert fed.aided.records["range/vessel"].accepted > 40
+    fed.aided.align()
+    assert fed.aided.filter is None and "beacon/vessel/fix" in fed.aided._beacon_fixes
