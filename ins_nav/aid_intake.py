@@ -39,6 +39,7 @@ class AidIntake(Navigator):
         self._queue: list[Observation] = []
         self._count = itertools.count()
         self._beacon_fixes: dict[str, Observation] = {}
+        self._told_places: dict[str, tuple[Triple, bool]] = {}
         super()._begin()
 
     def _align(self) -> None:
@@ -134,13 +135,22 @@ class AidIntake(Navigator):
         height: float,
         covariance: Sequence[float] = (),
     ) -> None:
-        """Take a fix of a beacon that floats, as in `Navigator.add_fix`."""
+        """Take a fix of a beacon that floats, as in `Navigator.add_fix`.
+
+        Of one that has moved before, the same place once more is no news, whatever its stamp.
+        """
         name = aids.fix_name(beacon)
         place = math.radians(latitude_deg), math.radians(longitude_deg), height
-        if status >= 0 and math.isfinite(height) and is_place(latitude_deg, longitude_deg, height):
-            self._observe(name, stamp_ns, place, covariance, 3)
-        else:
+        if not (status >= 0 and math.isfinite(height) and is_place(latitude_deg, longitude_deg, height)):
             self._unusable(name, stamp_ns, place)
+            return
+        last, moves = self._told_places.get(name, (place, False))
+        if moves and place == last:
+            text = f"{aids.topic(name)}: the place told before, under a new stamp: left out"
+            self.health.note(f"{name} repeated", INFO, text, stamp_ns)
+            return
+        self._told_places[name] = place, moves or place != last
+        self._observe(name, stamp_ns, place, covariance, 3)
 
     def _unusable(self, name: str, stamp_ns: int, value: tuple[float, ...]) -> None:
         self.heard.add(name)

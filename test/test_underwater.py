@@ -471,3 +471,27 @@ def test_a_place_told_before_the_first_sample_is_not_lost() -> None:
     assert fed.aided.records["range/vessel"].accepted > 40
     fed.aided.align()
     assert fed.aided.filter is None and "beacon/vessel/fix" in fed.aided._beacon_fixes
+
+
+def test_a_place_told_again_under_a_new_stamp_is_no_news() -> None:
+    """A new one every 20 s, published each second; of a beacon that never moved it is always right."""
+    s = _path().redrawn(1)
+    events: list[Event] = []
+    told: tuple[Any, ...] = ()
+    for stamp, kind, values in _events(s):
+        if kind == "beacon":
+            if round((stamp - s.start_ns) / NS) % 20 == 0:
+                told = values[1:]
+            if not told:
+                continue
+            values = (stamp, *told)
+        events.append((stamp, kind, values))
+    fed = Fed(s).feed(events)
+    across, _ = _greatest(fed.since(DIVE))
+    assert across < 3.0
+    record = fed.aided.records["beacon/vessel/fix"]
+    assert 20 <= record.accepted + record.rejected <= 27 and record.rejected <= 1
+    assert fed.counts["beacon/vessel/fix repeated"] > 300
+    assert fed.aided.records["range/vessel"].rejected <= 5
+    same = [(t, kind, (t, *told) if kind == "beacon" else v) for t, kind, v in _events(s, until=120.0)]
+    assert Fed(s).feed(same).aided.records["beacon/vessel/fix"].accepted > 50
