@@ -260,10 +260,23 @@ class AidedNavigator(AidIntake):
             before = self._without_bias(self._before)
             self.state = strapdown.step(self.state, before, sample, self._instantaneous, self._vertical)
             self.settled_ns = stamp_ns
+            if self._is_long_gap(raw):
+                self._bridged(raw)
             self._rest(raw)
             self._before = raw
         self._propagate()
         self._watch()
+
+    def _bridged(self, raw: strapdown.Sample) -> None:
+        """What a gap may have hidden: as much as rates and forces change within its length at other times."""
+        assert self.filter is not None
+        self._propagate()
+        samples = np.array([sample for _, sample in self._recent])
+        whole = samples[samples[:, 0] <= self.stream.regular, 1:]
+        lag = min(max(1, round(raw[0] / float(np.median(samples[:, 0])))), len(whole) // 2)
+        changes = np.abs(np.vstack([whole[lag:] - whole[: len(whole) - lag], np.subtract(raw, self._before)[None, 1:]]))
+        turn, speed = (0.5 * raw[0] * float(changes[:, i : i + 3].max()) for i in (0, 3))
+        self.filter.disturb(turn, speed, raw[0] * speed)
 
     def _propagate(self) -> None:
         """Bring the covariance to the present state."""
@@ -314,7 +327,7 @@ class AidedNavigator(AidIntake):
             self._placed = self._placed or (seen.aid == aids.GNSS and self.records[seen.aid].accepted > 0)
 
     def _patience(self, aid: Aid, seen: Observation) -> float:
-        """How long not to believe an aid, s; for ever where that it is wrong is more likely than the solution."""
+        """How long an aid is not believed against the filter, s; for ever where it is likely the aid that is wrong."""
         patience = aid.patience(seen)
         if isinstance(aid, aids.Range) and self._placed:  # it is the beacon that is not where it says
             return 0.0

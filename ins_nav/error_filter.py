@@ -238,6 +238,14 @@ class ErrorFilter:
             self.x[9:COSINE] += (1.0 - core.diagonal()[9:COSINE]) * self.values[9:COSINE]
             self.x[SIZE:] += self.values[SIZE:] - core[SIZE:, SIZE:] @ self.values[SIZE:]
 
+    def disturb(self, attitude_stddev: float, velocity_stddev: float, position_stddev: float) -> None:
+        """The solution may be wrong by so much more, each axis: rad, m/s, m."""
+        more = np.zeros(len(self.x))
+        more[POSITION], more[VELOCITY], more[ATTITUDE] = position_stddev, velocity_stddev, attitude_stddev
+        if not self.model.vertical:
+            more[VERTICAL_VELOCITY] = 0.0
+        self.p = self.p + np.diag(more**2)
+
     def _own_transition(self, duration: float) -> Array:
         """Of the aids' states, shape (k, k)."""
         decay = np.exp(-duration * self._own_rate)
@@ -305,13 +313,13 @@ class ErrorFilter:
         sigma = tuple(math.sqrt(v) for v in s.diagonal().tolist())
         ratio = square / limit(len(residual), gate)
         reason = ""
-        # where patience has no end, waiting must not lock out for ever either
+        # without patience the gate is the only way back
         goes_on = patience > 0.0 and track.goes_on(residual, r)
         if goes_on or not ratio <= 1.0:  # above, or too large to be a number
             track = track.rejecting(stamp_ns, residual, ratio)
             if not track.stands_alone(r, float(predicted.trace()), patience) or not self._widen(track, h, r, direct):
                 self._tracks = self._tracks | {aid: track}
-                reason = "outside the gate" if ratio > 1.0 else "says what those outside the gate have said"
+                reason = "says what those outside the gate have said" if ratio <= 1.0 else "outside the gate"
                 return Update(aid, stamp_ns, tuple(residual.tolist()), sigma, ratio, False, reason, factor)
             reason = f"after {len(track.rejected)} rejected that agree"
             ph = self.p @ h.T

@@ -28,7 +28,7 @@ from ins_nav.zupt import Calibration, ZuptError
 
 _DEG_PER_HOUR = math.radians(1.0) / 3600.0
 _COARSE_GAP = 0.1
-"""s: a longer gap loses the attitude of a rocking base: coarse alignment begins again."""
+"""s: a longer gap loses the attitude of a rocking base: coarse alignment begins again, and the filter is told."""
 
 
 class Phase(enum.Enum):
@@ -150,6 +150,9 @@ class Navigator:
         self._alignment = CoarseAlignment(
             self._duration, gyro_bias_stddev, self.accel_bias_stddev, self._number("alignment.max_speed")
         )
+
+    def _is_long_gap(self, sample: strapdown.Sample) -> bool:
+        return sample[0] > max(_COARSE_GAP, 2.0 * self.stream.regular)
 
     def _align_again(self) -> None:
         self._place.renew()
@@ -418,7 +421,7 @@ class Navigator:
         return True
 
     def _coarse(self, previous: strapdown.Sample, sample: strapdown.Sample) -> None:
-        if sample[0] > max(_COARSE_GAP, 2.0 * self.stream.regular):
+        if self._is_long_gap(sample):
             self.health.note(
                 "alignment restarts",
                 WARN,

@@ -495,3 +495,15 @@ def test_a_place_told_again_under_a_new_stamp_is_no_news() -> None:
     assert fed.aided.records["range/vessel"].rejected <= 5
     same = [(t, kind, (t, *told) if kind == "beacon" else v) for t, kind, v in _events(s, until=120.0)]
     assert Fed(s).feed(same).aided.records["beacon/vessel/fix"].accepted > 50
+
+
+@pytest.mark.parametrize("gap", [0.5, 2.0, 4.5])
+def test_a_gap_in_a_turn_does_not_lock_the_log_out(gap: float) -> None:
+    """The filter knows what may have happened meanwhile: heading by many degrees, velocity by as much."""
+    s = _path().redrawn(1)
+    begin, end = (s.start_ns + round(t * NS) for t in (230.0, 230.0 + gap))
+    events = [e for e in _events(s, ("range", "beacon")) if not (e[1] == "imu" and begin < e[0] < end)]
+    fed = Fed(s).feed(events)
+    assert fed.aided.records["log"].rejected < 20
+    across, up = _greatest(fed.since(DIVE))
+    assert across < 3.0 and up < 3.0
