@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from bench.markdown import table
-from ins_nav import messages, strapdown
-from ins_nav.aided import AidedNavigator
-from ins_nav.bags import BagReader
-from ins_nav.error_filter import Measurement
-from ins_nav.navigator import Navigator
+from ins_nav.estimation.observation import Measurement
+from ins_nav.mechanization import nav_state
+from ins_nav.messages import inputs, stamps
+from ins_nav.navigator.delayed import DelayedNavigator
+from ins_nav.navigator.realtime import RealtimeNavigator
+from ins_nav.recordings.bags import BagReader
 from ins_nav.report.comparison import Errors, compare
 from ins_nav.report.series import Attitudes, Positions, Track, read_reference
 
@@ -64,7 +65,7 @@ _MOVING = 1.0
 """m/s."""
 _OUTLIER = 10.0
 """m: a fix so far off is one."""
-_FEEDS: dict[str, Callable[[Any, Any], object]] = {"/gnss/fix": messages.feed_fix, "/log": messages.feed_log}
+_FEEDS: dict[str, Callable[[Any, Any], object]] = {"/gnss/fix": inputs.feed_fix, "/log": inputs.feed_log}
 _SLOW = ((0.0, 60.0), (1.0, 60.0), (2.0, 30.0), (2.0, 60.0), (2.0, 120.0), (3.0, 60.0))
 """gnss.slow_stddev, m, and gnss.slow_time, s, that are tried."""
 
@@ -88,7 +89,7 @@ class Outcome(NamedTuple):
     rejected: int
 
 
-class _Watched(AidedNavigator):
+class _Watched(DelayedNavigator):
     """Notes what fixes do."""
 
     def __init__(self, overrides: Mapping[str, object]) -> None:
@@ -100,12 +101,12 @@ class _Watched(AidedNavigator):
             super()._update(name, stamp_ns, measurement, *limits)
             return
         assert self.filter is not None and self.state is not None
-        before, p = strapdown.position_ecef(self.state), self.filter.p[:2, :2].copy()
+        before, p = nav_state.position_ecef(self.state), self.filter.p[:2, :2].copy()
         rot_en = Rotation.from_quat(self.state[7:11])
         super()._update(name, stamp_ns, measurement, *limits)
         update = self.records[name].last
         if update is not None and update.accepted:
-            moved = rot_en.inv().apply(np.subtract(strapdown.position_ecef(self.state), before))[:2]
+            moved = rot_en.inv().apply(np.subtract(nav_state.position_ecef(self.state), before))[:2]
             size = math.sqrt(moved @ np.linalg.solve(p, moved))
             self.accepted.append(Accepted(stamp_ns, size, bool(update.reason)))
 
@@ -122,7 +123,7 @@ def follow(bag: Path, parameters: Mapping[str, object], aids: Sequence[str], giv
     given : callable
         Of a stamp: whether a fix of that time is given to the filter.
     """
-    navigator, aided = Navigator(parameters), _Watched(parameters)
+    navigator, aided = RealtimeNavigator(parameters), _Watched(parameters)
     rows: list[tuple[float, ...]] = []
     stamps: list[int] = []
     with BagReader(bag) as reader:
@@ -130,16 +131,16 @@ def follow(bag: Path, parameters: Mapping[str, object], aids: Sequence[str], giv
             message = reader.deserialize(raw)
             if raw.topic != "/imu/data_raw":
                 if raw.topic == "/gnss/fix":
-                    messages.feed_fix(navigator, message)
-                if raw.topic != "/gnss/fix" or given(messages.stamp_of(message)):
+                    inputs.feed_fix(navigator, message)
+                if raw.topic != "/gnss/fix" or given(stamps.stamp_of(message)):
                     _FEEDS[raw.topic](aided, message)
                 continue
-            messages.feed_imu(aided, message)
+            inputs.feed_imu(aided, message)
             for feedback in aided.drain() if aids else ():
                 navigator.follow(feedback)
-            if messages.feed_imu(navigator, message):
+            if inputs.feed_imu(navigator, message):
                 assert navigator.state is not None
-                found, p = strapdown.geodetic(navigator.state), navigator.covariance
+                found, p = nav_state.geodetic(navigator.state), navigator.covariance
                 sigma = np.full(6, np.nan) if p is None else np.sqrt(p.diagonal()[[0, 1, 2, 6, 7, 8]])
                 stamps.append(navigator.stamp_ns)
                 rows.append((found.lat, found.lon, found.height, *found.q_gb, *sigma))
@@ -231,7 +232,7 @@ def _pool(bag: Path) -> Iterator[str]:
 def _pool_rows(bag: Path, told_name: str, told: Mapping[str, object]) -> list[list[str]]:
     innovations: dict[str, list[tuple[bool, Array]]] = {"depth": [], "log": []}
 
-    class Watched(AidedNavigator):
+    class Watched(DelayedNavigator):
         def _update(self, name: str, stamp_ns: int, measurement: Measurement, *limits: float) -> None:
             super()._update(name, stamp_ns, measurement, *limits)
             last = self.records[name].last
@@ -243,23 +244,23 @@ def _pool_rows(bag: Path, told_name: str, told: Mapping[str, object]) -> list[li
     with BagReader(bag) as reader:
         for raw in reader.messages({topic: topic for topic in ("/imu/data_raw", "/log", "/depth")}):
             message = reader.deserialize(raw)
-            now = messages.stamp_of(message)
+            now = stamps.stamp_of(message)
             if raw.topic == "/imu/data_raw":
-                messages.feed_imu(navigator, message)
+                inputs.feed_imu(navigator, message)
                 if navigator.filter is not None and stamp_ns:
                     yaw += message.angular_velocity.z * (now - stamp_ns) * 1e-9
                 stamp_ns = now
                 if navigator.state is not None and navigator.map is not None:
                     farthest = max(farthest, math.hypot(*navigator.map.position(navigator.state)[:2]))
             elif raw.topic == "/log":
-                messages.feed_log(navigator, message)
+                inputs.feed_log(navigator, message)
                 linear = message.twist.twist.linear
                 if navigator.filter is not None and log_ns:
                     turn = np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])
                     alone += turn @ (linear.x, linear.y) * (now - log_ns) * 1e-9
                 log_ns = now
             else:
-                messages.feed_depth(navigator, message)
+                inputs.feed_depth(navigator, message)
             navigator.drain()
     assert navigator.filter is not None and navigator.state is not None and navigator.map is not None
     east, north, _ = navigator.map.position(navigator.state)

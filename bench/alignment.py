@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from bench.markdown import table
-from ins_nav import earth
-from ins_nav.coarse_alignment import AlignmentError, CoarseAlignment
+from ins_nav.alignment.coarse_alignment import AlignmentError, CoarseAlignment
+from ins_nav.mechanization import earth
 from ins_nav.simulation.motion import Motion, Signal, constant, sinusoid
 from ins_nav.simulation.scenarios import Simulation, simulate
 from ins_nav.simulation.trajectory import EarthMotion, Origin

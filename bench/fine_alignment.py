@@ -1,6 +1,6 @@
 """Fine alignment on a rocking base: heading against its own sigma and the Cramer-Rao bound, then free inertial.
 
-Every run is the whole of `ins_nav.aided.AidedNavigator`, coarse stage included, with config/paper_alignment.yaml. A
+Every run is the whole of `delayed.DelayedNavigator`, coarse stage included, with config/paper_alignment.yaml. A
 motion is simulated once, without errors; each seed adds noise, biases and fixes. The noise densities are those of the
 paper's unit, so the heading does not depend on the rate of the samples, which is lower here to save time.
 """
@@ -19,10 +19,10 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2, qmc
 
 from bench.markdown import table
-from ins_nav import earth, strapdown
-from ins_nav.aided import AidedNavigator
-from ins_nav.error_model import azimuth
-from ins_nav.parameters import read_file
+from ins_nav.config.parameters import read_file
+from ins_nav.estimation.error_model import azimuth
+from ins_nav.mechanization import earth, nav_state
+from ins_nav.navigator.delayed import DelayedNavigator
 from ins_nav.simulation.scenarios import Simulation, simulate
 from ins_nav.simulation.sensors import GnssReceiver
 
@@ -113,7 +113,7 @@ class Case:
             },
         )
 
-    def navigator(self) -> AidedNavigator:
+    def navigator(self) -> DelayedNavigator:
         """It, for this."""
         parameters = read_file(_CONFIG, "ins_node")
         parameters["alignment.duration"] = self.coarse
@@ -125,7 +125,7 @@ class Case:
             parameters["initial.heading_deg"] = math.remainder(true + self.heading_error_deg, 360.0)
             parameters["initial.heading_stddev_deg"] = 100.0
             parameters["alignment.level_duration"] = _LEVEL
-        return AidedNavigator(parameters)
+        return DelayedNavigator(parameters)
 
 
 @functools.lru_cache(1)
@@ -183,12 +183,12 @@ def _run(case: Case, seed: int) -> Array:
     return np.array(rows)
 
 
-def _errors(simulation: Simulation, navigator: AidedNavigator) -> list[float]:
+def _errors(simulation: Simulation, navigator: DelayedNavigator) -> list[float]:
     """What `run` tells of one time."""
     assert navigator.state is not None and navigator.filter is not None
     path, found = simulation.trajectory, navigator.filter
     i = int(np.searchsorted(simulation.stamps_ns, navigator.settled_ns)) + 1
-    solution = strapdown.geodetic(navigator.state)
+    solution = nav_state.geodetic(navigator.state)
     turn = Rotation.from_quat(solution.q_gb) * Rotation.from_quat(path.q_nb[i]).inv()
     matrix = turn.as_matrix()
     heading = math.atan2(matrix[1, 0], matrix[0, 0])

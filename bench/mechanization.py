@@ -16,7 +16,7 @@ from pyins import sim, transform
 from scipy.spatial.transform import Rotation
 
 from bench.markdown import table
-from ins_nav import attitude, strapdown
+from ins_nav.mechanization import attitude, nav_state, strapdown
 from ins_nav.simulation.motion import Motion, sinusoid, smooth_profile
 from ins_nav.simulation.trajectory import EarthMotion, Origin
 
@@ -32,8 +32,8 @@ class Case(NamedTuple):
     """A motion: samples (n + 1, 7), the first one before the start, and the true state at start and end."""
 
     samples: Array
-    start: strapdown.State
-    end: strapdown.State
+    start: nav_state.NavState
+    end: nav_state.NavState
 
 
 def pyins_data(latitude_deg: float, rate: float) -> tuple[pd.DataFrame, pd.DataFrame]:
@@ -53,12 +53,12 @@ def from_pyins(trajectory: pd.DataFrame, increments: pd.DataFrame) -> Case:
     dt = float(trajectory.index[1])
     values = increments.to_numpy() / dt * np.tile(_FLU, 2)
 
-    def state(i: int) -> strapdown.State:
+    def state(i: int) -> nav_state.NavState:
         row = trajectory.iloc[i]
         rot = _ENU_NED @ transform.mat_from_rph(row[["roll", "pitch", "heading"]]) @ np.diag(_FLU)
         velocity = _ENU_NED @ row[["VN", "VE", "VD"]].to_numpy()
         q = Rotation.from_matrix(rot).as_quat()
-        return strapdown.initial_state(math.radians(row.lat), math.radians(row.lon), row.alt, tuple(velocity), tuple(q))
+        return nav_state.initial_state(math.radians(row.lat), math.radians(row.lon), row.alt, tuple(velocity), tuple(q))
 
     return Case(np.column_stack([np.full(len(values), dt), values]), state(0), state(-1))
 
@@ -77,9 +77,9 @@ def across_the_pole(rate: float) -> Case:
     values = np.column_stack([t.delta_theta, t.delta_velocity]) * rate
     samples = np.column_stack([np.full(len(values), 1.0 / rate), values])
 
-    def state(i: int) -> strapdown.State:
+    def state(i: int) -> nav_state.NavState:
         q, velocity = t.q_nb[i], t.velocity_n[i]
-        return strapdown.initial_state(t.lat[i], t.lon[i], t.height[i], tuple(velocity), tuple(q))
+        return nav_state.initial_state(t.lat[i], t.lon[i], t.height[i], tuple(velocity), tuple(q))
 
     return Case(np.concatenate([samples[:1], samples]), state(0), state(-1))
 
@@ -92,9 +92,9 @@ def errors(case: Case) -> tuple[float, float, float]:
     return float(np.linalg.norm(found[0] - true[0])), turn, float(np.linalg.norm(found[2] - true[2]))
 
 
-def _earth_fixed(state: strapdown.State) -> tuple[Array, Rotation, Array]:
+def _earth_fixed(state: nav_state.NavState) -> tuple[Array, Rotation, Array]:
     rot_en = Rotation.from_quat(state[7:11])
-    return np.array(strapdown.position_ecef(state)), rot_en * Rotation.from_quat(state[:4]), rot_en.apply(state[4:7])
+    return np.array(nav_state.position_ecef(state)), rot_en * Rotation.from_quat(state[:4]), rot_en.apply(state[4:7])
 
 
 def coning_drift(compensated: bool) -> float:

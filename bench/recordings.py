@@ -12,8 +12,8 @@ import numpy as np
 
 from bench.markdown import table
 from demo.run import navigate
+from ins_nav.cli.process import main as ins_process
 from ins_nav.errors import InsNavError
-from ins_nav.process import main as ins_process
 from ins_nav.report.comparison import compare, horizontal_offset
 from ins_nav.report.series import Track, read_reference, read_result, rotations_at
 

@@ -10,8 +10,8 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from ins_nav.bags import suggestion
 from ins_nav.errors import InsNavError, for_people
+from ins_nav.recordings.bags import suggestion
 
 ROOT = Path(__file__).resolve().parents[1]
 SECTIONS = {

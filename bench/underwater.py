@@ -1,6 +1,6 @@
 """A vehicle under water: log, depth gauge and ranges to a beacon, the whole dive; then everything that can go wrong.
 
-Every run is the whole of `ins_nav.aided.AidedNavigator` with config/auv.yaml along scenario auv_dive, coarse alignment
+Every run is the whole of `delayed.DelayedNavigator` with config/auv.yaml along scenario auv_dive, coarse alignment
 included (`bench.underwater_run`). The noises of the IMU are densities: a low rate of its samples saves time.
 """
 
@@ -38,7 +38,7 @@ from bench.underwater_run import (
     prior,
     told,
 )
-from ins_nav import earth
+from ins_nav.mechanization import earth
 from ins_nav.simulation.scenarios import Simulation
 
 SEEDS = 50
@@ -255,7 +255,7 @@ def run_fault(name: str, seeds: Sequence[int]) -> list[tuple[Array, list[float]]
         simulation = noiseless(() if _WHOLE in name else _SHORT).redrawn(seed, **errors_of(seed) | FAULTS[name])
         run = Run(simulation, told()).until(float(simulation.trajectory.time[-1]) - LAG)
         ((_, _), (bias, _)) = run.navigator.own_states("range/vessel")
-        counts = [float(run.navigator.health.counts.get(kind, 0)) for kind in _KINDS]
+        counts = [float(run.navigator.events.counts.get(kind, 0)) for kind in _KINDS]
         found.append((np.array(run.rows), [*counts, bias]))
     return found
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from ins_nav import earth
+from ins_nav.mechanization import earth
 from ins_nav.simulation.scenarios import Simulation
 
 Array = NDArray[np.float64]

@@ -14,14 +14,14 @@ from numpy.typing import NDArray
 from scipy.stats import qmc
 
 from bench.underwater_bound import Prior
-from ins_nav import earth, strapdown
-from ins_nav.aided import AidedNavigator
-from ins_nav.error_model import azimuth
-from ins_nav.parameters import read_file
+from ins_nav.config.parameters import read_file
+from ins_nav.estimation.error_model import azimuth
+from ins_nav.mechanization import earth, nav_state, strapdown
+from ins_nav.navigator.delayed import DelayedNavigator
 from ins_nav.simulation.scenarios import Simulation, simulate
 from ins_nav.simulation.sensors import PRESETS
-from ins_nav.stop_detection import Change
-from ins_nav.stops import Stops
+from ins_nav.stop_detection.detector import Change
+from ins_nav.zupt.calibration import StopCalibration
 
 Array = NDArray[np.float64]
 Given = tuple[tuple[str, Any], ...]
@@ -55,7 +55,7 @@ def noiseless(motion: Given) -> Simulation:
     return simulate("auv_dive", 0, **_MOTION, **dict(motion))
 
 
-class _Afloat(Stops):
+class _Afloat(StopCalibration):
     """Of a vehicle that never stands: looking for stops, of which no use is made, takes two fifths of the time."""
 
     def detect(self, stamp_ns: int, sample: strapdown.Sample) -> Change | None:
@@ -67,8 +67,8 @@ class Run:
 
     def __init__(self, simulation: Simulation, parameters: Mapping[str, Any], skip: Sequence[str] = ()) -> None:
         self.simulation = simulation
-        self.navigator = AidedNavigator(read_file(_CONFIG, "ins_node") | dict(parameters))
-        self.navigator.stops = _Afloat(self.navigator.parameters, self.navigator.health)
+        self.navigator = DelayedNavigator(read_file(_CONFIG, "ins_node") | dict(parameters))
+        self.navigator.stops = _Afloat(self.navigator.parameters, self.navigator.events)
         self.rows: list[list[float]] = []
         self._samples = np.column_stack([simulation.angular_velocity, simulation.linear_acceleration]).tolist()
         self._stamps = simulation.stamps_ns.tolist()
@@ -125,7 +125,7 @@ class Run:
         navigator, path, found = self.navigator, self.simulation.trajectory, self.navigator.filter
         assert navigator.state is not None and found is not None
         i = int(np.searchsorted(self.simulation.stamps_ns, navigator.settled_ns)) + 1
-        solution = strapdown.geodetic(navigator.state)
+        solution = nav_state.geodetic(navigator.state)
         meridian, prime_vertical = earth.principal_radii(math.sin(path.lat[i]))
         east = (solution.lon - path.lon[i]) * (prime_vertical + path.height[i]) * math.cos(path.lat[i])
         north = (solution.lat - path.lat[i]) * (meridian + path.height[i])

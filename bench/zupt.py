@@ -22,14 +22,14 @@ from scipy.spatial.transform import Rotation
 from bench.markdown import table
 from bench.zupt_bound import Span, bound
 from bench.zupt_recordings import recordings
-from ins_nav import earth, strapdown
+from ins_nav.config.parameters import read_file
 from ins_nav.errors import InsNavError
-from ins_nav.navigator import Navigator
-from ins_nav.parameters import read_file
-from ins_nav.rest import Rest, RestResult
+from ins_nav.mechanization import earth, nav_state
+from ins_nav.navigator.realtime import RealtimeNavigator
 from ins_nav.simulation.scenarios import Simulation, simulate
-from ins_nav.stops import SETTLE_NS
-from ins_nav.zupt import StopMeasurement, zupt1_nonlinear
+from ins_nav.zupt.calibration import SETTLE_NS
+from ins_nav.zupt.stationary_rates import StationaryRates, StationaryRatesResult
+from ins_nav.zupt.zupt_equations import StopMeasurement, zupt1_nonlinear
 
 Array = NDArray[np.float64]
 PAPER = Path(__file__).resolve().parents[1] / "config" / "paper_zupt.yaml"
@@ -85,7 +85,7 @@ def navigate(
         root = math.sqrt(p["rate"])
         rates = rates + GYRO_NOISE * root * noise.standard_normal(rates.shape)
         forces = forces + ACCEL_NOISE * root * noise.standard_normal(forces.shape)
-    navigator = Navigator(overrides)
+    navigator = RealtimeNavigator(overrides)
     navigator.add_fix(simulation.start_ns, 0, p["lat_deg"], p["lon_deg"], p["height"])
     stamps, samples = simulation.stamps_ns.tolist(), np.column_stack([rates, forces]).tolist()
     done = 0
@@ -98,7 +98,7 @@ def navigate(
         if not success:
             raise InsNavError(f"{simulation.scenario}, {time:g} s: {text}")
     assert navigator.state is not None
-    error = Rotation.from_quat(strapdown.geodetic(navigator.state).q_gb) * _truth(simulation, done).inv()
+    error = Rotation.from_quat(nav_state.geodetic(navigator.state).q_gb) * _truth(simulation, done).inv()
     return Found(
         np.array(navigator.gyro_bias) - simulation.gyro_bias,
         -float(error.as_rotvec()[2]),
@@ -238,12 +238,12 @@ def _without_vertical() -> tuple[Array, float]:
     return 100.0 * np.abs(found.drift / drift - 1.0), abs(found.azimuth - true)
 
 
-def _stop(s: Simulation, start: float, end: float, azimuth: float) -> tuple[RestResult, int, int]:
+def _stop(s: Simulation, start: float, end: float, azimuth: float) -> tuple[StationaryRatesResult, int, int]:
     """A stop measured on axes turned clockwise by an azimuth at its start; the instants of start and end."""
     first, last = round(start * _RATE), round(end * _RATE)
     q = (Rotation.from_euler("z", azimuth) * _truth(s, first)).as_quat()
     lat, height = float(s.trajectory.lat[first]), float(s.trajectory.height[first])
-    rest = Rest(strapdown.initial_state(lat, 0.0, height, (0.0, 0.0, 0.0), tuple(q.tolist())))  # type: ignore[arg-type]
+    rest = StationaryRates(nav_state.initial_state(lat, 0.0, height, (0.0, 0.0, 0.0), tuple(q.tolist())))  # type: ignore[arg-type]
     values = np.column_stack([np.full(last - first, 1.0 / _RATE), s.angular_velocity[first:last]])
     samples: list[Any] = np.column_stack([values, s.linear_acceleration[first:last]]).tolist()
     for previous, sample in zip([samples[0], *samples], samples, strict=False):

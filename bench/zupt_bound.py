@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ins_nav import earth
+from ins_nav.mechanization import earth
 
 Array = NDArray[np.float64]
 _STEP = 1.0

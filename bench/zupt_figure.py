@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from bench.zupt import ACCEL_NOISE, GYRO_NOISE, PAPER_CALL, paper_overrides
-from ins_nav import strapdown
-from ins_nav.navigator import Navigator
+from ins_nav.mechanization import nav_state
+from ins_nav.navigator.realtime import RealtimeNavigator
 from ins_nav.report.figures import save
-from ins_nav.rest import MIN_DURATION, Rest
 from ins_nav.simulation.scenarios import Simulation, simulate
-from ins_nav.zupt import zupt2
+from ins_nav.zupt.stationary_rates import MIN_DURATION, StationaryRates
+from ins_nav.zupt.zupt_equations import zupt2
 
 Array = NDArray[np.float64]
 _DURATION = 600.0
@@ -75,7 +75,7 @@ def _curves(axes: Axes, time: Array, left: Array, corrected: Array, columns: dic
 
 def _errors(s: Simulation, call: bool) -> tuple[Array, Array]:
     """Times, and rows of attitude error about east, north, up, arc seconds, and velocity east, north, mm/s."""
-    navigator = Navigator(paper_overrides())
+    navigator = RealtimeNavigator(paper_overrides())
     p = s.parameters
     navigator.add_fix(s.start_ns, 0, p["lat_deg"], p["lon_deg"], p["height"])
     samples = np.column_stack([s.angular_velocity, s.linear_acceleration]).tolist()
@@ -85,7 +85,7 @@ def _errors(s: Simulation, call: bool) -> tuple[Array, Array]:
         if call and i == round(PAPER_CALL * _RATE):
             navigator.zupt2()
         if navigator.state is not None and i % round(_RATE) == 0:
-            where = strapdown.geodetic(navigator.state)
+            where = nav_state.geodetic(navigator.state)
             error = Rotation.from_quat(where.q_gb) * Rotation.from_quat(s.trajectory.q_nb[i]).inv()
             times.append(i / _RATE)
             east, north, _ = where.velocity_g
@@ -118,7 +118,9 @@ def _found(s: Simulation, noise: float) -> Array:
     forces = s.linear_acceleration[first:last] + accel * rng.standard_normal((last - first, 3))
     values: list[Any] = np.column_stack([np.full(last - first, 1.0 / _RATE), rates, forces]).tolist()
     q, lat = s.trajectory.q_nb[first], float(s.trajectory.lat[first])
-    rest = Rest(strapdown.initial_state(lat, 0.0, s.parameters["height"], (0.0, 0.0, 0.0), tuple(q.tolist())))
+    rest = StationaryRates(
+        nav_state.initial_state(lat, 0.0, s.parameters["height"], (0.0, 0.0, 0.0), tuple(q.tolist()))
+    )
     rows = []
     for i, (previous, sample) in enumerate(itertools.pairwise(values), 2):
         rest.add(previous, sample, False)

@@ -11,13 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.markdown import table
-from ins_nav import strapdown
-from ins_nav.bags import BagReader
-from ins_nav.navigator import Navigator
-from ins_nav.process import Calls, feed, input_topics
+from ins_nav.cli.process import Calls, feed, input_topics
+from ins_nav.mechanization import nav_state, strapdown
+from ins_nav.mechanization.nav_state import NavState
+from ins_nav.mechanization.strapdown import Sample
+from ins_nav.navigator.realtime import RealtimeNavigator
+from ins_nav.recordings.bags import BagReader
 from ins_nav.report.comparison import horizontal_offset
 from ins_nav.report.series import Positions, interpolated, read_reference
-from ins_nav.strapdown import Sample, State
 
 Array = NDArray[np.float64]
 _FREE = 60.0
@@ -77,13 +78,13 @@ class _Silent:
 
 def go(bag: Path, way: Way) -> Journey:
     """Through a recording; from each longer stop on, besides, free inertial as it would go on without stops."""
-    navigator = Navigator(way.overrides)
+    navigator = RealtimeNavigator(way.overrides)
     calls = Calls(navigator, _Silent()) if way.calls else None  # type: ignore[arg-type]
     reference = read_reference(bag)
     assert reference is not None
     taken: list[tuple[int, Array]] = []
-    departures: list[tuple[int, int, int, State, Array]] = []
-    states: list[tuple[int, State]] = []
+    departures: list[tuple[int, int, int, NavState, Array]] = []
+    states: list[tuple[int, NavState]] = []
     stopped, since = False, 0
     with BagReader(bag) as reader:
         names = input_topics(reader, {})
@@ -123,7 +124,7 @@ def go(bag: Path, way: Way) -> Journey:
     return Journey(found, float(np.hypot(*_error(nearest[1], nearest[0], positions))), navigator.stops.calibrations)
 
 
-def _free(state: State, stamps: NDArray[np.int64], values: Array) -> State:
+def _free(state: NavState, stamps: NDArray[np.int64], values: Array) -> NavState:
     """Free inertial from the second of the stamps, where the state is, to the last."""
     intervals = np.diff(stamps) * _NS
     rows: list[Sample] = np.column_stack([intervals, values[1:]]).tolist()
@@ -132,11 +133,11 @@ def _free(state: State, stamps: NDArray[np.int64], values: Array) -> State:
     return state
 
 
-def _error(state: State, stamp_ns: int, reference: Positions) -> Array:
+def _error(state: NavState, stamp_ns: int, reference: Positions) -> Array:
     """Position less the reference's, east and north, m."""
     ecef = interpolated(reference.stamps_ns, reference.ecef, np.array([stamp_ns]))
-    where = strapdown.geodetic(state)
-    offset = horizontal_offset(np.array([strapdown.position_ecef(state)]), ecef, where.lat, where.lon)
+    where = nav_state.geodetic(state)
+    offset = horizontal_offset(np.array([nav_state.position_ecef(state)]), ecef, where.lat, where.lon)
     return np.asarray(offset[0], float)
 
 

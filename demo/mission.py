@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ins_nav import earth
-from ins_nav.bags import BagReader
+from ins_nav.mechanization import earth
+from ins_nav.recordings.bags import BagReader
 from ins_nav.report.comparison import Comparison, Errors, compare, horizontal_offset
 from ins_nav.report.series import Array, Positions, Stamps, Track
 from ins_nav.report.table import table

@@ -16,8 +16,8 @@ import numpy as np
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
-from ins_nav.bags import TYPES, BagWriter
 from ins_nav.nodes.runtime import init, message_class, spin
+from ins_nav.recordings.bags import TYPES, BagWriter
 
 _TYPES = {
     "imu/data_raw": "sensor_msgs/msg/Imu",

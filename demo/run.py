@@ -18,9 +18,9 @@ from pathlib import Path
 from typing import IO, Self
 
 from demo import figure, mission
-from ins_nav.bags import BagReader
+from ins_nav.cli.process import main as process_recording
 from ins_nav.errors import InsNavError, for_people
-from ins_nav.process import main as process_recording
+from ins_nav.recordings.bags import BagReader
 from ins_nav.report import figures
 from ins_nav.report.comparison import compare
 from ins_nav.report.series import read_reference, read_result

@@ -1,4 +1,4 @@
-"""A navigator with the filter that is fed a simulation, for the tests of `ins_nav.aided`."""
+"""A navigator with the filter that is fed a simulation, for the tests of `ins_nav.navigator.delayed`."""
 
 import functools
 import itertools
@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ins_nav import strapdown
-from ins_nav.aided import AidedNavigator
-from ins_nav.feedback import Feedback
-from ins_nav.navigator import Navigator
+from ins_nav.mechanization import nav_state
+from ins_nav.navigator.correction import Correction
+from ins_nav.navigator.delayed import DelayedNavigator
+from ins_nav.navigator.realtime import RealtimeNavigator
 from ins_nav.simulation.scenarios import Simulation, simulate
 
 BOTH = ("--nodes", "ins_node", "alignment_node")
@@ -51,7 +51,7 @@ def aid_events(s: Simulation, names: Iterable[str] = ("fix",), delay: float = 0.
     covariance = tuple(np.diag(np.square(s.fixes.stddev)).ravel().tolist())
     events: list[Event] = []
     for stamp, lat, lon, height in zip(*(x.tolist() for x in s.fixes[:4]), strict=True):
-        where = strapdown.geodetic(true_state(s, index[stamp]))
+        where = nav_state.geodetic(true_state(s, index[stamp]))
         velocity, noise = np.array(where.velocity_g), rng.normal(0.0, 0.1, (2, 3))
         body = Rotation.from_quat(where.q_gb).inv().apply(velocity)
         rows = tuple((0.01 * np.eye(3)).ravel().tolist())
@@ -66,11 +66,11 @@ def aid_events(s: Simulation, names: Iterable[str] = ("fix",), delay: float = 0.
     return events
 
 
-def true_state(s: Simulation, i: int) -> strapdown.State:
+def true_state(s: Simulation, i: int) -> nav_state.NavState:
     t = s.trajectory
     rot_eg = Rotation.from_quat(t.q_eb[i]) * Rotation.from_quat(t.q_nb[i]).inv()
     velocity = rot_eg.inv().apply(t.velocity_e[i])
-    return strapdown.initial_state(t.lat[i], t.lon[i], t.height[i], tuple(velocity), tuple(t.q_nb[i]))  # type: ignore[arg-type]
+    return nav_state.initial_state(t.lat[i], t.lon[i], t.height[i], tuple(velocity), tuple(t.q_nb[i]))  # type: ignore[arg-type]
 
 
 @dataclass
@@ -78,13 +78,13 @@ class Fed:
     """Both navigators, fed as `ins_process` does it."""
 
     parameters: dict[str, Any]
-    aided: AidedNavigator = field(init=False)
-    ins: Navigator = field(init=False)
-    feedback: list[Feedback] = field(default_factory=list)
+    aided: DelayedNavigator = field(init=False)
+    ins: RealtimeNavigator = field(init=False)
+    feedback: list[Correction] = field(default_factory=list)
     said: list[str] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self.aided, self.ins = AidedNavigator(self.parameters), Navigator(self.parameters)
+        self.aided, self.ins = DelayedNavigator(self.parameters), RealtimeNavigator(self.parameters)
 
     def feed(self, *streams: list[Event], ins: bool = False) -> "Fed":
         feeds = {
@@ -106,15 +106,15 @@ class Fed:
                     self.ins.add_imu(*arguments)
                 elif kind == "fix":
                     self.ins.add_fix(*arguments)
-        self.said += [report.text for report in self.aided.health.drain()]
+        self.said += [report.text for report in self.aided.events.drain()]
         return self
 
     @property
     def counts(self) -> dict[str, int]:
-        return self.aided.health.counts
+        return self.aided.events.counts
 
 
-def same_feedback(a: Sequence[Feedback], b: Sequence[Feedback]) -> bool:
+def same_feedback(a: Sequence[Correction], b: Sequence[Correction]) -> bool:
     """Bit for bit."""
     return len(a) == len(b) and all(
         x._replace(covariance=None) == y._replace(covariance=None)  # type: ignore[arg-type]
@@ -123,18 +123,18 @@ def same_feedback(a: Sequence[Feedback], b: Sequence[Feedback]) -> bool:
     )
 
 
-def feedback_error(feedback: Feedback, s: Simulation) -> np.ndarray:
-    """Position on n, velocity as `ins_nav.error_model` has it, attitude; computed less true."""
+def feedback_error(feedback: Correction, s: Simulation) -> np.ndarray:
+    """Position on n, velocity as `ins_nav.estimation.error_model` has it, attitude; computed less true."""
     i = int(np.searchsorted(s.stamps_ns, feedback.stamp_ns)) + 1
     t, state = s.trajectory, feedback.state
     to_n = Rotation.from_quat(state[7:11]).inv()
-    position = to_n.apply(np.subtract(strapdown.position_ecef(state), t.position_e[i]))
+    position = to_n.apply(np.subtract(nav_state.position_ecef(state), t.position_e[i]))
     turn = Rotation.from_quat(state[0:4]) * (to_n * Rotation.from_quat(t.q_eb[i])).inv()
     velocity = np.array(state[4:7]) - turn.apply(to_n.apply(t.velocity_e[i]))
     return np.concatenate([position, velocity, turn.as_rotvec()])
 
 
-def feedback_nees(feedback: Feedback, s: Simulation, *states: int) -> float:
+def feedback_nees(feedback: Correction, s: Simulation, *states: int) -> float:
     error = feedback_error(feedback, s)[list(states)]
     return float(error @ np.linalg.solve(feedback.covariance[np.ix_(states, states)], error))
 

@@ -10,8 +10,8 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import Imu, NavSatFix
 
-from ins_nav.bags import BagReader
 from ins_nav.nodes.runtime import init, spin
+from ins_nav.recordings.bags import BagReader
 
 _PAUSE = 5e-4  # s between messages: a burst would be lost on best-effort readers
 

@@ -31,7 +31,7 @@ from typing import Any, NamedTuple, Self
 import pytest
 
 import ins_nav
-from ins_nav.bags import TYPES, absolute
+from ins_nav.recordings.bags import TYPES, absolute
 
 needs_ros = pytest.mark.skipif(find_spec("rclpy") is None, reason="rclpy is not installed")
 

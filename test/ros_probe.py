@@ -15,8 +15,8 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_srvs.srv import Trigger
 
-from ins_nav.bags import absolute
 from ins_nav.nodes.runtime import init, message_class, spin
+from ins_nav.recordings.bags import absolute
 
 
 class Probe(Node):

@@ -7,10 +7,10 @@ from typing import Any
 
 import pytest
 
-from ins_nav import attitude, strapdown
-from ins_nav.bags import BagReader
-from ins_nav.messages import feed_fix, feed_imu
-from ins_nav.navigator import Navigator, Phase
+from ins_nav.mechanization import attitude, nav_state
+from ins_nav.messages.inputs import feed_fix, feed_imu
+from ins_nav.navigator.realtime import Phase, RealtimeNavigator
+from ins_nav.recordings.bags import BagReader
 
 DATA = Path(__file__).parents[2] / "shared" / "data"
 
@@ -39,7 +39,7 @@ class Run:
     """A navigator fed with a recording; what it said, and how far it was from each fix once it navigated."""
 
     def __init__(self, name: str, seconds: float = math.inf, **parameters: Any) -> None:
-        self.navigator = Navigator({key.replace("__", "."): value for key, value in parameters.items()})
+        self.navigator = RealtimeNavigator({key.replace("__", "."): value for key, value in parameters.items()})
         self.said: list[str] = []
         self.aligned_heading = math.nan
         self.distances: list[float] = []
@@ -50,15 +50,15 @@ class Run:
                 self._compare(message)
             elif feed_imu(n, message) and math.isnan(self.aligned_heading):
                 assert n.state is not None
-                yaw = attitude.to_euler(strapdown.geodetic(n.state).q_gb)[2]
+                yaw = attitude.to_euler(nav_state.geodetic(n.state).q_gb)[2]
                 self.aligned_heading = math.degrees(attitude.heading_from_yaw(yaw))
-        self.said += [report.text for report in n.health.drain()]
+        self.said += [report.text for report in n.events.drain()]
 
     def _compare(self, fix: Any) -> None:
         state = self.navigator.state
         if state is None or fix.status.status < 0:
             return
-        frame = strapdown.MapFrame(math.radians(fix.latitude), math.radians(fix.longitude), state[11])
+        frame = nav_state.MapFrame(math.radians(fix.latitude), math.radians(fix.longitude), state[11])
         east, north, _ = frame.position(state)
         self.distances.append(math.hypot(east, north))
 
@@ -78,7 +78,7 @@ def test_vehicle_with_ring_laser_gyros() -> None:
     assert len(run.distances) > 60
     # required: 10 m; 4.0 m measured, of which fixes are good to 2 m
     assert max(run.distances) < 10.0
-    assert run.navigator.health.counts.get("restarts", 0) == 0
+    assert run.navigator.events.counts.get("restarts", 0) == 0
 
 
 def test_car_with_tactical_gyros_at_10_hz() -> None:

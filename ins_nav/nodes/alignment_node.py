@@ -1,7 +1,7 @@
 """`alignment_node`: fine alignment and aided navigation by the feedback Kalman filter, for `ins_node`.
 
 Takes the IMU and the aids (satellite position and velocity, log, depth, pressure, ranges to beacons), aligns finely,
-and sends what it finds to `ins_node`, which goes on from there. A thin translator: `ins_nav.aided.AidedNavigator`
+and sends what it finds to `ins_node`, which goes on from there. A thin translator: `delayed.DelayedNavigator`
 does the work.
 """
 
@@ -14,12 +14,12 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import Imu
 from std_msgs.msg import Float64MultiArray, Header, MultiArrayDimension
 
-from ins_nav import messages
-from ins_nav.aided import AidedNavigator
+from ins_nav.config.parameters import beacon_names
 from ins_nav.errors import for_people
+from ins_nav.messages import correction_codec, diagnostics, inputs
+from ins_nav.navigator.delayed import DelayedNavigator
 from ins_nav.nodes import parameters, runtime
 from ins_nav.nodes.reporting import Reporter
-from ins_nav.parameters import beacon_names
 
 _IMU_DEPTH = 10_000
 """5 s at 2000 Hz, as `ins_node` has."""
@@ -35,7 +35,7 @@ class AlignmentNode(Node):
 
     def __init__(self) -> None:
         super().__init__("alignment_node")
-        self._navigator = AidedNavigator(parameters.declare(self))
+        self._navigator = DelayedNavigator(parameters.declare(self))
         self._reporter = Reporter(self, "alignment")
         reliable = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=100, reliability=ReliabilityPolicy.RELIABLE)
         self._out = self.create_publisher(Float64MultiArray, "ins/feedback", reliable)
@@ -43,7 +43,7 @@ class AlignmentNode(Node):
         self._feedback = feedback_message()
         self._subscribe(Imu, "imu/data_raw", self._on_imu, _IMU_DEPTH)
         beacons = beacon_names(self._navigator.parameters["range.beacons"])
-        for topic, (msgtype, feed) in messages.aid_topics(beacons).items():
+        for topic, (msgtype, feed) in inputs.aid_topics(beacons).items():
             self._subscribe(runtime.message_class(msgtype), topic, feed)
         self.create_subscription(Float64MultiArray, "ins/solution", self._on_solution, reliable)
         self.create_subscription(Header, "ins/called", self._on_called, reliable)
@@ -57,16 +57,16 @@ class AlignmentNode(Node):
             kind, topic, lambda message: feed(self._navigator, message), qos, qos_overriding_options=overriding
         )
 
-    def _on_imu(self, navigator: AidedNavigator, message: Imu) -> None:
-        messages.feed_imu(navigator, message)
+    def _on_imu(self, navigator: DelayedNavigator, message: Imu) -> None:
+        inputs.feed_imu(navigator, message)
         for feedback in navigator.drain():
-            messages.fill_feedback(self._feedback, feedback)
+            correction_codec.fill_feedback(self._feedback, feedback)
             self._out.publish(self._feedback)
-        if navigator.health.pending:
-            self._reporter.log(navigator.health)
+        if navigator.events.pending:
+            self._reporter.log(navigator.events)
 
     def _on_solution(self, message: Float64MultiArray) -> None:
-        solution = messages.read_feedback(message)
+        solution = correction_codec.read_feedback(message)
         if solution is not None:
             self._navigator.adopt(solution, solution.apply_ns)
 
@@ -78,20 +78,20 @@ class AlignmentNode(Node):
             self._navigator.call_zupt(message.stamp.sec * 1_000_000_000 + message.stamp.nanosec)
 
     def _on_timer(self) -> None:
-        self._reporter.log(self._navigator.health)
+        self._reporter.log(self._navigator.events)
         silent_for = self._reporter.silent_for(self._navigator.stream.received)
         found = self._navigator.found_calibration
         if found:
             message = Float64MultiArray(data=list(found.values()))
             message.layout.dim = [MultiArrayDimension(label=name, size=1, stride=1) for name in found]
             self._calibration.publish(message)
-        self._reporter.publish(*messages.alignment_diagnostics(self._navigator, silent_for))
+        self._reporter.publish(*diagnostics.alignment_diagnostics(self._navigator, silent_for))
 
 
 def feedback_message() -> Float64MultiArray:
     """An empty one; the layout names its parts."""
     message = Float64MultiArray()
-    for label, size in messages.FEEDBACK:
+    for label, size in correction_codec.FEEDBACK:
         message.layout.dim.append(MultiArrayDimension(label=label, size=size, stride=size))
     return message
 

@@ -34,9 +34,9 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 from std_srvs.srv import Trigger
 from tqdm import tqdm
 
-from ins_nav.bags import BagReader, DamagedBagError, suggestion
 from ins_nav.errors import InsNavError, for_people
 from ins_nav.nodes.runtime import init, message_class, spin
+from ins_nav.recordings.bags import BagReader, DamagedBagError, suggestion
 
 _GLOBAL_TOPICS = ("/tf", "/tf_static", "/clock", "/rosout", "/parameter_events", "/diagnostics")
 _DEPTH = 1000  # 2.5 s at 400 Hz: no burst is lost on a reader that is slow for a moment

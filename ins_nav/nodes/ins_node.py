@@ -2,7 +2,7 @@
 
 Aligns (standing or rocking, no initial angle), then navigates free inertial at the IMU's own rate; corrects velocity
 at stops, and calibrates itself there when asked (services zupt1 and zupt2). A thin translator:
-`ins_nav.navigator.Navigator` does the work.
+`ins_nav.navigator.realtime.RealtimeNavigator` does the work.
 """
 
 import sys
@@ -17,14 +17,15 @@ from sensor_msgs.msg import Imu, NavSatFix
 from std_msgs.msg import Float64MultiArray, Header
 from std_srvs.srv import Trigger
 
-from ins_nav import messages
+from ins_nav.config.state_file import read_calibration
 from ins_nav.errors import InsNavError, for_people
-from ins_nav.health import WARN
-from ins_nav.navigator import Navigator
+from ins_nav.event_log import WARN
+from ins_nav.messages import correction_codec, diagnostics, inputs
+from ins_nav.messages.solution import SolutionMessages, fill_bias
+from ins_nav.navigator.realtime import RealtimeNavigator
 from ins_nav.nodes import parameters, runtime
 from ins_nav.nodes.alignment_node import feedback_message
 from ins_nav.nodes.reporting import Reporter
-from ins_nav.state_file import read_calibration
 
 _IMU_DEPTH = 10_000
 """5 s at 2000 Hz: the node is busy for up to a second when it solves the alignment or a stop."""
@@ -47,9 +48,9 @@ class InsNode(Node):
     def __init__(self) -> None:
         super().__init__("ins_node")
         values = parameters.declare(self)
-        self._navigator = Navigator(values)
+        self._navigator = RealtimeNavigator(values)
         self._base_link = str(values["base_link_frame"])
-        self._out = messages.SolutionMessages(Odometry(), Imu(), NavSatFix(), self._navigator)
+        self._out = SolutionMessages(Odometry(), Imu(), NavSatFix(), self._navigator)
         reliable, best_effort = ReliabilityPolicy.RELIABLE, ReliabilityPolicy.BEST_EFFORT
         self._odometry = self.create_publisher(Odometry, "odometry", _qos(_OUT_DEPTH, reliable))
         self._imu = self.create_publisher(Imu, "imu/data", _qos(_OUT_DEPTH, reliable))
@@ -92,8 +93,8 @@ class InsNode(Node):
         return self.create_publisher(TFMessage, "/tf", 100)
 
     def _on_imu(self, message: Imu) -> None:
-        new = messages.feed_imu(self._navigator, message)
-        if self._navigator.health.pending:
+        new = inputs.feed_imu(self._navigator, message)
+        if self._navigator.events.pending:
             self._log()
         if new and self._out.due():
             self._publish()
@@ -118,13 +119,13 @@ class InsNode(Node):
 
     def _publish_bias(self) -> None:
         message = Imu()
-        messages.fill_bias(message, self._navigator, self._base_link)
+        fill_bias(message, self._navigator, self._base_link)
         if self._navigator.stamp_ns == 0:  # before the first sample
             message.header.stamp = self.get_clock().now().to_msg()
         self._bias.publish(message)
 
     def _on_fix(self, message: NavSatFix) -> None:
-        messages.feed_fix(self._navigator, message)
+        inputs.feed_fix(self._navigator, message)
 
     def _on_align(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         response.success = True
@@ -133,9 +134,9 @@ class InsNode(Node):
         return response
 
     def _on_feedback(self, message: Float64MultiArray) -> None:
-        feedback = messages.read_feedback(message)
+        feedback = correction_codec.read_feedback(message)
         if feedback is None:
-            self._navigator.health.note(
+            self._navigator.events.count(
                 "feedback malformed",
                 WARN,
                 f"ins/feedback: {len(message.data)} numbers that are not a feedback, left out: is alignment_node of "
@@ -175,17 +176,17 @@ class InsNode(Node):
         self._called.publish(header)
 
     def _log(self) -> None:
-        self._reporter.log(self._navigator.health)
+        self._reporter.log(self._navigator.events)
 
     def _on_timer(self) -> None:
         self._log()
         solution = self._navigator.solution()
         if solution is not None:
             feedback, aligned_ns = solution
-            messages.fill_feedback(self._solution_message, feedback._replace(apply_ns=aligned_ns))
+            correction_codec.fill_feedback(self._solution_message, feedback._replace(apply_ns=aligned_ns))
             self._solution.publish(self._solution_message)
         silent_for = self._reporter.silent_for(self._navigator.stream.received)
-        self._reporter.publish(*messages.diagnostics(self._navigator, silent_for))
+        self._reporter.publish(*diagnostics.diagnostics(self._navigator, silent_for))
 
 
 @for_people("ins_node")

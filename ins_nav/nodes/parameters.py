@@ -1,11 +1,11 @@
-"""Parameters of the nodes, declared from the table in `ins_nav.parameters`."""
+"""Parameters of the nodes, declared from the table in `ins_nav.config.parameters`."""
 
 import math
 
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
 from rclpy.node import Node
 
-from ins_nav.parameters import ROS_OWN, Value, beacon_names, checked_values, table
+from ins_nav.config.parameters import ROS_OWN, Value, beacon_names, checked_values, table
 
 
 def declare(node: Node) -> dict[str, Value]:

@@ -1,11 +1,11 @@
-"""How a node tells how it is: log lines from the core's `Health`, a status a second on ``/diagnostics``."""
+"""How a node tells how it is: log lines from the core's `EventLog`, a status a second on ``/diagnostics``."""
 
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
-from ins_nav.health import INFO, WARN, Health
+from ins_nav.event_log import INFO, WARN, EventLog
 
 _LEVELS = (DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR)
 
@@ -26,10 +26,10 @@ class Reporter:
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self._heard = (0, time.monotonic())
 
-    def log(self, health: Health) -> None:
+    def log(self, events: EventLog) -> None:
         """Log what the core has to tell."""
         logger = self._node.get_logger()
-        for report in health.drain():
+        for report in events.drain():
             if report.level == INFO:  # rclpy wants one severity a place in the source
                 logger.info(report.text)
             elif report.level == WARN:

@@ -16,13 +16,14 @@ from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
 from ins_nav.errors import for_people
-from ins_nav.health import Health
-from ins_nav.imu_stream import ImuStream
-from ins_nav.messages import SILENCE, silence, stamp_of
+from ins_nav.event_log import EventLog
+from ins_nav.mechanization.imu_stream import ImuStream
+from ins_nav.messages.diagnostics import SILENCE, silence
+from ins_nav.messages.stamps import stamp_of
 from ins_nav.nodes import parameters, runtime
 from ins_nav.nodes.reporting import Reporter
-from ins_nav.stop_detection import Change, StopDetector, StopLimits
-from ins_nav.stop_policy import StopPolicy
+from ins_nav.stop_detection.detector import Change, StopDetector, StopLimits
+from ins_nav.stop_detection.service_schedule import ServiceSchedule
 
 _IMU_DEPTH = 10_000
 """As `ins_node` has."""
@@ -39,16 +40,16 @@ class StopDetectorNode(Node):
     def __init__(self) -> None:
         super().__init__("stop_detector_node")
         values = parameters.declare(self)
-        self._health = Health()
+        self._events = EventLog()
         self._stream = ImuStream(
-            self._health,
+            self._events,
             float(values["imu.max_angular_velocity"]),  # type: ignore[arg-type]
             float(values["imu.max_linear_acceleration"]),  # type: ignore[arg-type]
             float(values["imu.max_gap"]),  # type: ignore[arg-type]
             values["imu.sampling"] == "instantaneous",
         )
         self._detector = StopDetector(StopLimits.from_parameters(values))
-        self._policy = StopPolicy.from_parameters(values)
+        self._policy = ServiceSchedule.from_parameters(values)
         self._calibration = {name: self.create_client(Trigger, f"ins_node/{name}") for name in ("zupt1", "zupt2")}
         self._missing = False
         self._answer = "none yet"
@@ -89,7 +90,7 @@ class StopDetectorNode(Node):
                 self._tell(change)
             if detector.stopped and detector.rest_ns >= self._policy.due_ns:
                 self._call(self._policy.take())
-        if self._health.pending:
+        if self._events.pending:
             self._log()
 
     def _tell(self, change: Change) -> None:
@@ -122,11 +123,11 @@ class StopDetectorNode(Node):
         self.get_logger().info(self._answer)
 
     def _log(self) -> None:
-        self._reporter.log(self._health)
+        self._reporter.log(self._events)
 
     def _on_timer(self) -> None:
         self._log()
-        detector, stream, counts = self._detector, self._stream, self._health.counts
+        detector, stream, counts = self._detector, self._stream, self._events.counts
         gyro, accel = detector.noise
         values = {
             "stopped": str(detector.stopped).lower(),

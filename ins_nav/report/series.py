@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 from tqdm import tqdm
 
-from ins_nav import earth
-from ins_nav.bags import BagReader, DamagedBagError
 from ins_nav.errors import InsNavError
-from ins_nav.messages import stamp_of
+from ins_nav.mechanization import earth
+from ins_nav.messages.stamps import stamp_of
+from ins_nav.recordings.bags import BagReader, DamagedBagError
 
 Array = NDArray[np.float64]
 Stamps = NDArray[np.int64]

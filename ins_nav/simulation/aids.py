@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
-from ins_nav import earth
 from ins_nav.errors import InsNavError
+from ins_nav.mechanization import earth
 from ins_nav.simulation.motion import Array, Motion, constant, sinusoid
 from ins_nav.simulation.parameters import Values
 from ins_nav.simulation.sensors import Fixes, GnssReceiver, instants, moved, stream

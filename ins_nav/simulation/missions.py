@@ -5,8 +5,8 @@ from typing import Any
 
 from scipy.integrate import quad
 
-from ins_nav import attitude
 from ins_nav.errors import InsNavError
+from ins_nav.mechanization import attitude
 from ins_nav.simulation.motion import Motion, Route, integral_of_profile, smooth_profile
 from ins_nav.simulation.parameters import Parameter, Values
 from ins_nav.simulation.waves import SWELL, rocking_signals

@@ -5,8 +5,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any
 
-from ins_nav.bags import suggestion
 from ins_nav.errors import InsNavError
+from ins_nav.recordings.bags import suggestion
 from ins_nav.simulation.sensors import PRESETS, ImuErrors
 
 Values = Mapping[str, Any]

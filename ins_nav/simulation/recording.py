@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from tqdm import tqdm
 
-from ins_nav import earth
-from ins_nav.bags import TYPES, BagWriter, header, message
+from ins_nav.mechanization import earth
+from ins_nav.recordings.bags import TYPES, BagWriter, header, message
 from ins_nav.simulation.aids import GaugeReadings, RangeReadings, SimulatedAids
 from ins_nav.simulation.motion import Array
 from ins_nav.simulation.scenarios import Simulation

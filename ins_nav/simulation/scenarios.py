@@ -21,9 +21,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ins_nav import attitude
-from ins_nav.bags import suggestion
 from ins_nav.errors import InsNavError
+from ins_nav.mechanization import attitude
+from ins_nav.recordings.bags import suggestion
 from ins_nav.simulation.aids import SimulatedAids, measure_aids
 from ins_nav.simulation.missions import AUV_DIVE, auv_dive
 from ins_nav.simulation.motion import Array, Motion, Route, Signal, constant, sinusoid, smooth_profile

@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ins_nav import earth
 from ins_nav.errors import InsNavError
+from ins_nav.mechanization import earth
 from ins_nav.simulation.motion import Array
 from ins_nav.simulation.trajectory import Trajectory
 

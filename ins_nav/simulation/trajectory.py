@@ -22,7 +22,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ins_nav import earth
+from ins_nav.mechanization import earth
 from ins_nav.simulation.motion import Array, Motion
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(4)

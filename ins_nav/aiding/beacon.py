@@ -1,0 +1,95 @@
+"""Acoustic beacons: where one is that is moored, and how one moves that floats.
+
+The velocity of one that floats is a first-order Gauss-Markov process on each axis ([1]_, one order lower). Its place
+and velocity are states of the filter, beside those of the vehicle: what is not known of its way is the same for all
+ranges between two fixes, and a fix that comes later tells of the ranges before it, too.
+
+References
+----------
+.. [1] R. A. Singer, "Estimating Optimal Tracking Filter Performance for Manned Maneuvering Targets", IEEE Transactions
+       on Aerospace and Electronic Systems, 1970, vol. 6.
+"""
+
+import math
+
+import numpy as np
+
+from ins_nav.aiding.measurements import Measurement
+from ins_nav.estimation.error_model import SIZE, Array, SlowState
+from ins_nav.mechanization.earth import enu_axes, geodetic_to_ecef
+
+_MANOEUVRE = 30.0
+"""s: correlation time of a vessel's velocity."""
+_ANYWHERE = 1e4
+"""m from its first fix, before that is taken."""
+
+
+class Beacon:
+    """A beacon; own states of one that floats are its place from `reference`, m, and velocity, m/s, Earth-fixed.
+
+    Parameters
+    ----------
+    place : (lat, lon, height) or None
+        Of one that is moored, rad and m.
+    speed : float
+        Standard deviation of each component of the velocity of one that floats, m/s.
+
+    Attributes
+    ----------
+    reference : ndarray, shape (3,), or None
+        Earth-fixed, m: the mooring, or the first fix; None before.
+    states : tuple of SlowState
+    """
+
+    def __init__(self, place: tuple[float, float, float] | None, speed: float) -> None:
+        self.moored = place is not None
+        self.reference: Array | None = None if place is None else geodetic_to_ecef(*place)
+        self._speed = speed
+        self._fixed_ns: int | None = None
+        velocity = SlowState(speed, speed * math.sqrt(2.0 / _MANOEUVRE), _MANOEUVRE)
+        self.states = () if self.moored else (SlowState(_ANYWHERE, derivative=3),) * 3 + (velocity,) * 3
+
+    def restart(self) -> None:
+        """The filter begins anew, and with it the states."""
+        if not self.moored:
+            self.reference = self._fixed_ns = None
+
+    def at(self, own: Array, ago: float) -> Array | None:
+        """Where it was so long ago, s, Earth-fixed, shape (3,), by the states in use; None when nobody knows."""
+        if self.reference is None or self.moored:
+            return self.reference
+        place: Array = self.reference + self._way(ago) @ own
+        return place
+
+    def columns(self, direction: Array, ago: float) -> Array:
+        """Of the states, shape (k,): what a measure along a direction, Earth-fixed, changes with."""
+        return np.zeros(0) if self.moored else np.asarray(direction @ self._way(ago), float)
+
+    def measure(
+        self, own: Array, stamp_ns: int, fix: tuple[float, float, float], covariance: Array, ago: float
+    ) -> Measurement:
+        """What a fix says of that stamp, so long ago, s; rad and m, covariance on east, north, up, shape (3, 3), m².
+
+        The first after a restart is the reference. What is not known of the way since is much the same for all fixes
+        that are as late, and each is told a variance so much larger.
+        """
+        place, axes = geodetic_to_ecef(*fix), enu_axes(fix[0], fix[1])
+        if self.reference is None:
+            self.reference = place
+        interval = math.inf if self._fixed_ns is None else abs(stamp_ns - self._fixed_ns) * 1e-9
+        self._fixed_ns = stamp_ns
+        alike = max(1.0, ago / interval) if interval > 0.0 else 1.0
+        r = axes @ covariance @ axes.T + alike * self.way_stddev(ago) ** 2 * np.eye(3)
+        way = self._way(ago)
+        return Measurement(self.reference + way @ own - place, np.zeros((3, SIZE)), r, None, way)
+
+    def _way(self, ago: float) -> Array:
+        """From the states of the present to the place of a time ago, shape (3, 6)."""
+        back = _MANOEUVRE * (1.0 - math.exp(-ago / _MANOEUVRE))
+        return np.hstack([np.eye(3), -back * np.eye(3)])
+
+    def way_stddev(self, time: float) -> float:
+        """Sigma of each component of its way in a time, s, when velocity at one end of it is known, m."""
+        kept = math.exp(-time / _MANOEUVRE)
+        along = 2.0 * time / _MANOEUVRE - 3.0 + 4.0 * kept - kept**2
+        return self._speed * _MANOEUVRE * math.sqrt(max(0.0, along))

@@ -1,0 +1,209 @@
+"""Gathers specific force where gravity goes round its cone: on the body's axes of the first sample.
+
+The gyros carry the body's first attitude b0 through all its motion, so b0 stands still in inertial space. There
+the specific force of a base at rest on the Earth is gravity's reaction, going round a cone once a day. Its
+direction is the vertical; the way it moves is east ("cone alignment" of the alignment paper, reference [10] there).
+Rocking averages out, gravity does not.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ins_nav.mechanization.attitude import Quaternion, from_rotation_vector, multiply, normalized, rotate
+from ins_nav.mechanization.earth import RATE
+from ins_nav.mechanization.strapdown import Sample, compensated_increments
+
+Array = NDArray[np.float64]
+
+BLOCKS = 120
+"""Blocks in an alignment: enough to tell the noise processes apart, few enough for dense algebra in 0.1 s."""
+MAX_SAMPLES = 100_000
+"""Samples kept to judge noise and units by: four minutes at 400 Hz, 40 MB."""
+_NOISE_TIME = 60.0
+"""s of samples to judge noise by, at least: in 5 s at 20 Hz it is known to 10 % only."""
+_STRAIGHT_TIME = 600.0
+"""s: gravity's path bends away from its tangent later; the bend is 0.1 m/s of seeming velocity here."""
+
+
+@dataclass(frozen=True)
+class Blocks:
+    """Means over blocks of time.
+
+    Attributes
+    ----------
+    time : ndarray, shape (n,)
+        Middles of the blocks, s from the start.
+    force : ndarray, shape (n, 3)
+        Specific force on b0, m/s².
+    q_b0b : ndarray, shape (n, 4)
+        Body to b0 at the ends of the blocks.
+    length, total : float
+        Of a block; of the data, with a block not yet complete, s.
+    """
+
+    time: Array
+    force: Array
+    q_b0b: Array
+    length: float
+    total: float
+
+    def seeming_speed(self) -> float:
+        """Largest velocity, m/s, of what the path of gravity does not explain."""
+        basis = np.column_stack([np.ones_like(self.time), self.time])
+        if self.total > _STRAIGHT_TIME:
+            basis = np.column_stack([basis, 1.0 - np.cos(RATE * self.time)])
+        fitted = basis @ np.linalg.lstsq(basis, self.force, rcond=None)[0]
+        velocity = np.cumsum(self.force - fitted, axis=0) * self.length
+        return float(np.abs(velocity - velocity.mean(axis=0)).max())
+
+
+class GravityCone:
+    """Carries attitude on b0 and averages specific force there.
+
+    Parameters
+    ----------
+    duration : float
+        Intended length of the data, s; sets the length of the blocks, which doubles where the data is longer.
+
+    Attributes
+    ----------
+    time : float
+        Length of the data, s.
+    q_b0b : Quaternion
+        Body to b0 at the last sample.
+    rest : 3 floats
+        Integral of specific force on b0 since the last complete block, m/s.
+    rest_time : float
+        Time since then, s.
+    """
+
+    def __init__(self, duration: float) -> None:
+        self.duration = duration
+        self.time = 0.0
+        self.q_b0b: Quaternion = (0.0, 0.0, 0.0, 1.0)
+        self.rest = [0.0, 0.0, 0.0]
+        self._block_length = duration / BLOCKS
+        self._block_start = 0.0
+        self._blocks: list[tuple[float, ...]] = []
+        self._samples: list[tuple[Sample, Sample, bool]] = []
+
+    def __len__(self) -> int:
+        return len(self._blocks)
+
+    @property
+    def rest_time(self) -> float:
+        return self.time - self._block_start
+
+    @property
+    def complete(self) -> bool:
+        """Whether all samples of the intended length, and no others, are kept."""
+        return self.time <= 1.01 * self.duration and len(self._samples) < MAX_SAMPLES
+
+    def add(self, previous: Sample, sample: Sample, instantaneous: bool) -> bool:
+        """Take one sample, as `ins_nav.mechanization.strapdown.step` does; True when a block was completed."""
+        if self.time < max(self.duration, _NOISE_TIME) and len(self._samples) < MAX_SAMPLES:
+            self._samples.append((previous, sample, instantaneous))
+        return self._integrate(previous, sample, instantaneous, 1.0)
+
+    def _integrate(self, previous: Sample, sample: Sample, instantaneous: bool, gyro_unit: float) -> bool:
+        """Carry attitude and velocity on b0; True when a block was completed."""
+        h0, ax, ay, az, bx, by, bz = previous
+        h, wx, wy, wz, fx, fy, fz = sample
+        change = 1.0 if instantaneous else 2.0 * h / (h0 + h)
+        back = 0.5 if instantaneous else 0.0  # from the value at the end to the mean
+        u = gyro_unit
+        dw = (u * (wx - ax), u * (wy - ay), u * (wz - az))
+        df = (fx - bx, fy - by, fz - bz)
+        rx, ry, rz, ux, uy, uz = compensated_increments(
+            h,
+            u * wx - back * dw[0],
+            u * wy - back * dw[1],
+            u * wz - back * dw[2],
+            fx - back * df[0],
+            fy - back * df[1],
+            fz - back * df[2],
+            *(change * x for x in dw),
+            *(change * x for x in df),
+        )
+        ux, uy, uz = rotate(self.q_b0b, ux, uy, uz)
+        v = self.rest
+        v[0] += ux
+        v[1] += uy
+        v[2] += uz
+        self.q_b0b = normalized(multiply(self.q_b0b, from_rotation_vector(rx, ry, rz)))
+        self.time += h
+        length = self.time - self._block_start
+        if length < self._block_length * (1.0 - 1e-6):
+            return False
+        self._blocks.append(
+            (self._block_start + 0.5 * length, length, v[0] / length, v[1] / length, v[2] / length, *self.q_b0b)
+        )
+        self._block_start = self.time
+        self.rest = [0.0, 0.0, 0.0]
+        if len(self._blocks) == 2 * BLOCKS:
+            self._join_blocks()
+        return True
+
+    def _join_blocks(self) -> None:
+        """Halve the number of blocks: an alignment that waits for a position keeps its memory and its time."""
+        pairs = np.array(self._blocks).reshape(BLOCKS, 2, 9)
+        length = pairs[:, :, 1].sum(axis=1)
+        joined = (pairs * pairs[:, :, 1:2]).sum(axis=1) / length[:, None]
+        joined[:, 1] = length
+        joined[:, 5:] = pairs[:, 1, 5:]
+        self._blocks = [tuple(block) for block in joined.tolist()]
+        self._block_length *= 2.0
+
+    def blocks(self, until: float = math.inf) -> Blocks:
+        """The complete blocks so far, at least one; none that ends later than ``until``, s from the start."""
+        blocks = np.array([block for block in self._blocks if block[0] + 0.5 * block[1] <= until])
+        return Blocks(blocks[:, 0], blocks[:, 2:5], blocks[:, 5:], float(blocks[:, 1].mean()), self.time)
+
+    def noise_limits(self, gravity: float, until: float = math.inf) -> Array:
+        """Most that the sensors' own white noise can be: variance of a block mean, and of the walk in a second.
+
+        By the samples up to ``until``, s from the start.
+
+        Second differences of means over 1, 2, 4, ... samples show white noise with hardly any of the motion; motion
+        and quantization only add, so the least of them is nearest.
+        """
+        samples = np.array([sample for _, sample, _ in self._samples])
+        samples = samples[np.cumsum(samples[:, 0]) <= until]
+        interval = float(np.median(samples[:, 0]))
+        density, penalty = [], []
+        size = 1
+        while size == 1 or (size * interval <= 0.25 * self._block_length and len(samples) >= 24 * size):
+            n = len(samples) // size
+            means = samples[: n * size, 1:].reshape(n, size, 6).mean(axis=1)
+            density.append((np.diff(means, 2, axis=0) ** 2).mean(axis=0) / 6.0 * size * interval)
+            penalty.append(1.0 + 4.0 / math.sqrt(n))  # two sigmas of such a mean square: the least is not the luckiest
+            size *= 2
+        least = np.argmin(np.array(density) * np.array(penalty)[:, None], axis=0)
+        gyro, accel = np.array(density)[least, np.arange(6)].reshape(2, 3).mean(axis=1)
+        return np.array([accel / gravity**2 / self._block_length, gyro])
+
+    def vertical_rate(self) -> float:
+        """Mean turning about the vertical, rad/s."""
+        h, wx, wy, wz, fx, fy, fz = np.array([sample for _, sample, _ in self._samples]).T
+        up = np.array([h @ fx, h @ fy, h @ fz])
+        return float(up @ [h @ wx, h @ wy, h @ wz] / (np.linalg.norm(up) * h.sum()))
+
+    def mean_size(self) -> float:
+        """Mean size of specific force in the samples kept, m/s²."""
+        return float(np.mean([math.hypot(*sample[4:7]) for _, sample, _ in self._samples]))
+
+    def in_degrees(self) -> Blocks:
+        """The blocks again, with the gyros' output taken as degrees per second."""
+        trial = GravityCone(self.duration)
+        for sample in self._samples:
+            trial._integrate(*sample, math.radians(1.0))
+        return trial.blocks()
+
+
+def cone_path(lat: float, time: Array) -> Array:
+    """The vertical after ``time`` on the axes, fixed in inertial space, that were east, north, up at time 0."""
+    s, c, angle = math.sin(lat), math.cos(lat), RATE * time
+    return np.column_stack([c * np.sin(angle), c * s * (1.0 - np.cos(angle)), 1.0 - c * c * (1.0 - np.cos(angle))])

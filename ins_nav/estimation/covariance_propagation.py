@@ -1,0 +1,332 @@
+"""Covariance of a solution's errors, carried along with it: what `ins_node` publishes beside the numbers.
+
+The mechanization is corrected by others, a filter (`delayed`) or stops (`calibration`); here only the
+covariance follows what they did. Between corrections it is propagated as the filter propagates it; a correction acts
+on a state of the past, so the covariance of that time is taken up again, changed, and carried on over the states that
+were run again (`ins_nav.mechanization.replay_buffer`): what is published is of the present.
+
+At a stop the solution takes all of the velocity found for error, whatever was known before. That is a known gain,
+not the best one, so Joseph's form gives the covariance it really leaves.
+
+References
+----------
+.. [1] A. H. Mohamed, K. P. Schwarz, "Adaptive Kalman Filtering for INS/GPS", Journal of Geodesy, 1999, vol. 73: the
+       variance of a measurement from what it says.
+"""
+
+import math
+from collections import deque
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import eigh
+
+from ins_nav.config.parameters import Value
+from ins_nav.estimation.error_filter import ErrorFilter
+from ins_nav.estimation.error_model import (
+    ATTITUDE,
+    COSINE,
+    HEADING,
+    POSITION,
+    SIZE,
+    VELOCITY,
+    VERTICAL_VELOCITY,
+    Array,
+    ErrorModel,
+    SlowState,
+    Vector,
+    azimuth,
+    rotation_matrix,
+)
+from ins_nav.mechanization.nav_state import NavState
+from ins_nav.mechanization.replay_buffer import LENGTH_NS, ReplayBuffer
+
+BIASES = slice(9, 15)
+_STEP_NS, _LONGEST_NS = 100_000_000, 500_000_000
+"""ns of data over which the covariance is carried at a time: the first where the body turns, the second where it turns
+by less than `_TURN` in it (`ErrorModel.transition`)."""
+_TURN = 0.1
+"""rad."""
+_GRAVITY = 9.81
+_DEG_PER_HOUR = math.radians(1.0) / 3600.0
+_MILLI_G = 9.80665e-3
+_NEVER_NS = 2**63
+_REGULAR = 1e-9
+"""Share of a variance that keeps a matrix regular whose parts are fully correlated."""
+_NOTHING = 1e-40
+"""The same where the variance is zero."""
+
+
+def error_model(values: Mapping[str, Value], learnt_noise: tuple[float, float]) -> ErrorModel:
+    """The model of errors that the parameters describe.
+
+    Parameters
+    ----------
+    values : mapping
+        Of the parameters.
+    learnt_noise : 2 floats
+        White noise of gyros and accelerometers, rad/√s and m/s/√s, where the parameters do not give it.
+    """
+
+    def number(name: str) -> float:
+        return float(values[name])  # type: ignore[arg-type]
+
+    gyro_noise, accel_noise = learnt_noise
+    if not math.isnan(number("imu.gyro_noise_deg_per_sqrt_hour")):
+        gyro_noise = math.radians(number("imu.gyro_noise_deg_per_sqrt_hour")) / 60.0
+    if not math.isnan(number("imu.accel_noise_ug_per_sqrt_hz")):
+        accel_noise = number("imu.accel_noise_ug_per_sqrt_hz") * 1e-3 * _MILLI_G
+    return ErrorModel(
+        vertical=bool(values["navigation.vertical_channel"]),
+        gyro_noise=gyro_noise,
+        accel_noise=accel_noise,
+        gyro_bias=SlowState(
+            number("imu.gyro_bias_stddev_deg_per_hour") * _DEG_PER_HOUR,
+            number("imu.gyro_bias_walk_deg_per_hour_per_sqrt_hour") * _DEG_PER_HOUR / 60.0,
+        ),
+        accel_bias=SlowState(
+            number("imu.accel_bias_stddev_mg") * _MILLI_G,
+            number("imu.accel_bias_walk_mg_per_sqrt_hour") * _MILLI_G / 60.0,
+        ),
+        height_walk=number("aiding.height_walk"),
+    )
+
+
+def filter_of(
+    model: ErrorModel, covariance: Array, own_states: Mapping[str, Sequence[SlowState]] | None = None
+) -> ErrorFilter:
+    """A filter that begins with a covariance.
+
+    Parameters
+    ----------
+    model : ErrorModel
+    covariance : ndarray, shape (15, 15)
+        Of the errors on n, heading as an angle.
+    own_states : mapping of name to sequence of SlowState
+        Those of aids.
+    """
+    stddev = np.sqrt(covariance.diagonal())
+    made = ErrorFilter(
+        model, stddev[POSITION].tolist(), stddev[VELOCITY].tolist(), covariance[ATTITUDE, ATTITUDE], own_states
+    )
+    scale = np.ones(COSINE)
+    scale[HEADING] = 1.0 - made.x[COSINE]  # of an unknown heading the sine
+    if not model.vertical:
+        scale[VERTICAL_VELOCITY] = 0.0
+    heading = made.p[HEADING, HEADING]
+    made.p[:COSINE, :COSINE] = scale[:, None] * covariance * scale
+    made.p[HEADING, HEADING] = heading
+    return made
+
+
+def covariance_of(made: ErrorFilter) -> Array:
+    """Mean squares of the errors about a filter's solution, shape (15, 15), heading as an angle."""
+    covariance = made.p[:COSINE, :COSINE] + np.outer(made.x[:COSINE], made.x[:COSINE])
+    covariance[HEADING, HEADING] = max(covariance[HEADING, HEADING], made.heading_stddev**2)
+    return covariance
+
+
+class Held(NamedTuple):
+    """A velocity that was found at a stop and taken out of the solution.
+
+    Attributes
+    ----------
+    velocity : 3 floats
+        Along n, m/s.
+    time : float
+        s: position went back by velocity times this.
+    first : bool
+        Of this stop: it is the error of the way before.
+    """
+
+    velocity: Vector
+    time: float
+    first: bool
+
+
+class _Kept(NamedTuple):
+    stamp_ns: int
+    state: NavState
+    x: Array
+    p: Array
+
+
+class CovariancePropagation:
+    """The covariance.
+
+    Parameters
+    ----------
+    values : mapping
+        Of the parameters.
+
+    Attributes
+    ----------
+    count : int
+        How often the covariance has changed.
+    """
+
+    def __init__(self, values: Mapping[str, Value]) -> None:
+        self._values = values
+        self._stop_velocity = float(values["aiding.stop_velocity_stddev"])  # type: ignore[arg-type]
+        self._height_walk = float(values["aiding.height_walk"])  # type: ignore[arg-type]
+        self.count = 0
+        self.restart()
+
+    def restart(self) -> None:
+        """Nothing is known but the parameters."""
+        self._filter: ErrorFilter | None = None
+        self._model = error_model(self._values, (0.0, 0.0))
+        self._accel_stddev = self._model.slow[3].stddev
+        self._idle: Array = np.zeros((15, 15))
+        self._idle[BIASES, BIASES] = np.diag([s.stddev**2 for s in self._model.slow])
+        self.clear()
+
+    def clear(self) -> None:
+        """There is no solution any more; what is known of biases stays."""
+        self._idle[BIASES, BIASES] = self.covariance[BIASES, BIASES]
+        self._filter = None
+        self._kept: deque[_Kept] = deque()
+        self._swing, self._seconds = self._stop_velocity**2, 1
+        self._stamp_ns = self._due_ns = 0
+        self._state: NavState = (0.0,) * 12
+        self.count += 1
+
+    @property
+    def covariance(self) -> Array:
+        """Of the errors (`error_model`), shape (15, 15), heading as an angle; biases only without a solution.
+
+        Where height stays, vertical velocity is that of the random walk of height, as a mean over a second.
+        """
+        if self._filter is None:
+            return self._idle.copy()
+        covariance = covariance_of(self._filter)
+        if not self._model.vertical:
+            covariance[VERTICAL_VELOCITY, VERTICAL_VELOCITY] = self._height_walk**2
+        return covariance
+
+    def begin(self, stamp_ns: int, state: NavState, covariance: Array, learnt_noise: tuple[float, float]) -> None:
+        """Begin with a solution; noise as of `error_model`."""
+        self.clear()
+        self._model = error_model(self._values, learnt_noise)
+        self._filter = filter_of(self._model, covariance)
+        self._keep(stamp_ns, state)
+
+    def advance(self, stamp_ns: int, state: NavState) -> None:
+        """The solution has gone on, without a correction."""
+        if stamp_ns < self._due_ns:
+            return
+        self._due_ns = stamp_ns + _STEP_NS
+        if stamp_ns - self._stamp_ns >= _LONGEST_NS or _turn(self._state, state) > _TURN:
+            self._propagate(stamp_ns, state)
+
+    def rewind(self, stamp_ns: int, state: NavState) -> None:
+        """Go back to a state of the past, as it was before the correction that is to come."""
+        assert self._filter is not None
+        kept = self._kept
+        while len(kept) > 1 and kept[-1].stamp_ns > stamp_ns:
+            kept.pop()
+        self._stamp_ns, self._state, self._filter.x, self._filter.p = kept[-1]
+        if stamp_ns > self._stamp_ns:
+            self._propagate(stamp_ns, state)
+
+    def hold(self, held: Held) -> None:
+        """Velocity was taken out at a stop.
+
+        What the carrier stirs there is learnt: ``aiding.stop_velocity_stddev`` counts as the first second of it, each
+        mean velocity of a later one as another ([1]_). It is stirring about a place: only the way before the stop is
+        taken for longer than it was.
+        """
+        assert self._filter is not None
+        if not held.first:
+            self._swing += 0.5 * (held.velocity[0] ** 2 + held.velocity[1] ** 2)
+            self._seconds += 1
+        axes = np.eye(3 if self._model.vertical else 2)
+        size = len(axes)
+        left, noise = np.eye(SIZE), np.zeros((SIZE, size))
+        left[3 : 3 + size, 3 : 3 + size] = 0.0
+        left[0:size, 3 : 3 + size] = -held.time * axes
+        noise[3 : 3 + size] = axes
+        if held.first:
+            noise[0:size] = held.time * axes
+        self._filter.p = left @ self._filter.p @ left.T + (self._swing / self._seconds) * noise @ noise.T
+        self._filter.x = left @ self._filter.x
+
+    def calibrate(self, state: NavState, found: Array, level_variance: float) -> None:
+        """Drifts, azimuth and level were found at a stop.
+
+        Position and velocity stay, and so does what the new errors have in common with them.
+
+        Parameters
+        ----------
+        state : NavState
+            Corrected, its n east-north-up.
+        found : ndarray, shape (4, 4)
+            Covariance of gyro drifts, rad/s, and azimuth (clockwise), rad.
+        level_variance : float
+            rad², what the accelerometers' biases as of the parameters do to it included.
+        """
+        c, s = azimuth(self._state)
+        turn = np.eye(15)
+        for k in (0, 3, 6):
+            turn[k : k + 2, k : k + 2] = [[c, -s], [s, c]]
+        p = turn @ self.covariance @ turn.T
+        accel = p[12:15, 12:15]
+        rot_gb = rotation_matrix(state[0:4])  # type: ignore[arg-type]
+        tilt = np.array([-rot_gb[1], rot_gb[0], np.zeros(3)]) / _GRAVITY
+        level = max(level_variance - (self._accel_stddev / _GRAVITY) ** 2, 0.0)
+        joint = np.zeros((9, 9))
+        joint[0:3, 0:3] = tilt @ accel @ tilt.T + np.diag([level, level, found[3, 3]])
+        joint[0:3, 6:9] = tilt @ accel
+        joint[6:9, 0:3] = joint[0:3, 6:9].T
+        joint[3:6, 3:6], joint[6:9, 6:9] = found[:3, :3], accel
+        joint[3:6, 2] = joint[2, 3:6] = -found[:3, 3]
+        self._filter = filter_of(self._model, _replaced(p, joint))
+
+    def take(self, covariance: Array) -> None:
+        """A filter's solution has taken the place of this one."""
+        self._filter = filter_of(self._model, covariance)
+
+    def catch_up(self, state: NavState, history: ReplayBuffer) -> None:
+        """Go on from the corrected state to the newest, over the states that were run again."""
+        stamp_ns = self._stamp_ns
+        if self._kept and self._kept[-1].stamp_ns == stamp_ns:
+            self._kept.pop()
+        self._keep(stamp_ns, state)
+        entry = None
+        for entry in history.between(stamp_ns, _NEVER_NS):
+            self.advance(entry.stamp_ns, entry.state)
+        if entry is not None and entry.stamp_ns > self._stamp_ns:
+            self._propagate(entry.stamp_ns, entry.state)
+
+    def _propagate(self, stamp_ns: int, state: NavState) -> None:
+        assert self._filter is not None
+        self._filter.propagate(self._state, state, (stamp_ns - self._stamp_ns) * 1e-9)
+        self._keep(stamp_ns, state)
+
+    def _keep(self, stamp_ns: int, state: NavState) -> None:
+        assert self._filter is not None
+        kept = self._kept
+        kept.append(_Kept(stamp_ns, state, self._filter.x, self._filter.p))
+        while len(kept) > 1 and kept[1].stamp_ns < stamp_ns - LENGTH_NS:
+            kept.popleft()
+        self._stamp_ns, self._state = stamp_ns, state
+        self._due_ns = stamp_ns + _STEP_NS
+        self.count += 1
+
+
+def _turn(before: NavState, after: NavState) -> float:
+    """Angle between two attitudes, rad."""
+    return 2.0 * math.acos(min(1.0, abs(sum(a * b for a, b in zip(before[0:4], after[0:4], strict=True)))))
+
+
+def _replaced(p: Array, joint: Array) -> Array:
+    """The covariance with that of attitude and biases replaced by one found otherwise, shape (15, 15).
+
+    The old errors of these were new errors and the correction, and what position and velocity had in common with them
+    they had with both parts. Where the new ones are larger than the old, they have no more in common than those had.
+    """
+    old = p[6:15, 6:15] + np.diag(_REGULAR * p.diagonal()[6:15] + _NOTHING)
+    share, axes = eigh(joint, old)
+    common = p[0:6, 6:15] @ (axes * np.minimum(share, 1.0)) @ axes.T @ old
+    return np.block([[p[0:6, 0:6], common], [common.T, joint]])

@@ -1,0 +1,389 @@
+"""Error-state Kalman filter with feedback: covariance of the solution's errors, aids, gate.
+
+The mechanization runs on; between two states the filter propagates, an aid's measurement updates it, and
+`ErrorFilter.feed_back` takes the estimated errors out of the solution at once, so that the model stays linear::
+
+    filter.propagate(before, after, duration)
+    update = filter.update("gnss", stamp_ns, gnss.measure(filter.solution(state, rate, gyro_bias), *fix))
+    state, gyro_bias, accel_bias = filter.feed_back(state, gyro_bias, accel_bias)
+
+Covariances for people: position ``P[0:3, 0:3]`` and attitude ``P[6:9, 6:9]`` on n, velocity on body axes
+``rot_bn P[3:6, 3:6] rot_nb`` (see `ins_nav.estimation.error_model`).
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ins_nav.estimation.error_model import (
+    ATTITUDE,
+    COSINE,
+    HEADING,
+    POSITION,
+    SIZE,
+    VELOCITY,
+    VERTICAL_VELOCITY,
+    Array,
+    ErrorModel,
+    SlowState,
+    Vector,
+    rotation_matrix,
+)
+from ins_nav.estimation.innovation_gate import GATE, PATIENCE, Track, limit, line
+from ins_nav.estimation.observation import Measurement, Solution, Update
+from ins_nav.mechanization.attitude import from_rotation_vector
+from ins_nav.mechanization.nav_state import NavState
+
+_SMALL = math.radians(3.0)
+"""A heading error of this size is an angle: the square, which the linear model leaves out, is 0.0014."""
+_TRAVEL = 25.0
+"""Velocity squared over its variance, above which it is travel and tells of heading: 4e-6 by chance."""
+_SURGE = 1.0
+"""s: correlation time of velocity that is no travel: a tenth of the period of waves."""
+
+
+class ErrorFilter:
+    """The filter.
+
+    Parameters
+    ----------
+    model : ErrorModel
+    position_stddev : 3 floats
+        At the start, along n, m.
+    velocity_stddev : 3 floats
+        m/s.
+    attitude_covariance : ndarray, shape (3, 3)
+        Of the rotation vector on n, rad². Heading may be as uncertain as it likes.
+    aids : mapping of name to sequence of SlowState
+        The own states of aids that have any.
+
+    Attributes
+    ----------
+    x : ndarray, shape (n,)
+        Estimated errors not fed back yet; zero after `feed_back` but for the cosine of an unknown heading.
+    p : ndarray, shape (n, n)
+        Covariance.
+    values : ndarray, shape (n,)
+        Of slow states: what was fed back since the start.
+    """
+
+    def __init__(
+        self,
+        model: ErrorModel,
+        position_stddev: Sequence[float],
+        velocity_stddev: Sequence[float],
+        attitude_covariance: Array,
+        aids: Mapping[str, Sequence[SlowState]] | None = None,
+    ) -> None:
+        self.model = model
+        own: list[SlowState] = []
+        self._own: dict[str, slice] = {}
+        for name, states in (aids or {}).items():
+            self._own[name] = slice(SIZE + len(own), SIZE + len(own) + len(states))
+            own += states
+        size = SIZE + len(own)
+        self.x: Array = np.zeros(size)
+        self.values: Array = np.zeros(size)
+        self._start: Array = np.array([s.value for s in own])
+        self.p: Array = np.zeros((size, size))
+        diagonal = np.einsum("ii->i", self.p)
+        diagonal[POSITION] = np.square(position_stddev)
+        diagonal[VELOCITY] = np.square(velocity_stddev)
+        if not model.vertical:
+            diagonal[VERTICAL_VELOCITY] = 0.0
+        diagonal[9:COSINE] = [s.stddev**2 for s in model.slow]
+        diagonal[SIZE:] = [s.stddev**2 for s in own]
+        self.p[ATTITUDE, ATTITUDE] = attitude_covariance
+        if self.p[HEADING, HEADING] > _SMALL**2:
+            self._open_heading()
+        self._own_walk: Array = np.array([s.walk**2 for s in own])
+        self._own_rate: Array = np.array([1.0 / s.correlation_time for s in own])
+        self._integrals = [(i, i + s.derivative) for i, s in enumerate(own) if s.derivative]
+        self._relaxes = bool(self._integrals) or any(math.isfinite(s.correlation_time) for s in (*model.slow, *own))
+        self._tracks: dict[str, Track] = {}
+
+    def own(self, *aids: str) -> Array:
+        """The own states in use of aids, one after the other; of those that have none, none."""
+        columns = self._columns(aids)
+        values: Array = self.values[columns] + self._start[columns - SIZE]
+        return values
+
+    def own_covariance(self, *aids: str) -> Array:
+        """Their covariance."""
+        columns = self._columns(aids)
+        return self.p[np.ix_(columns, columns)]
+
+    def own_stddev(self, *aids: str) -> Array:
+        """Their sigmas."""
+        return np.sqrt(self.own_covariance(*aids).diagonal())
+
+    @property
+    def heading_stddev(self) -> float:
+        """rad; that of an unknown heading is pi / √3."""
+        cosine = 1.0 - float(self.x[COSINE])
+        stddev = math.sqrt(self.p[HEADING, HEADING])
+        limit = math.pi / math.sqrt(3.0)
+        return min(limit, stddev / cosine) if cosine > 0.0 else limit
+
+    def travels(self, state: NavState) -> bool:
+        """Whether the carrier moves by more than the velocity's error.
+
+        Only then does heading act through velocity. A base at rest, too, has a velocity on paper, and it must not
+        tell of heading.
+        """
+        (a, b), (_, c) = self.p[3:5, 3:5].tolist()
+        x, y = state[4:6]
+        # v' P^-1 v > limit, written without the division
+        return c * x * x - 2.0 * b * x * y + a * y * y > _TRAVEL * max(0.0, a * c - b * b)
+
+    @property
+    def turn(self) -> float:
+        """Mean square of a unit vector's change when the heading error is taken out."""
+        return float(self.p[HEADING, HEADING] + self.p[COSINE, COSINE] + self.x[COSINE] ** 2)
+
+    def solution(self, state: NavState, rate: Vector, gyro_bias: Vector, stamp_ns: int = 0) -> Solution:
+        """What aids see, at the state's stamp; ``rate`` has the bias removed."""
+        return Solution(state, rate, gyro_bias, self.travels(state), self.turn, self.p[POSITION, POSITION], stamp_ns)
+
+    def propagate(self, before: NavState, after: NavState, duration: float) -> None:
+        """Carry the covariance from one state of the mechanization to the next.
+
+        Parameters
+        ----------
+        before, after : NavState
+            With no correction between them.
+        duration : float
+            s; see `ErrorModel.transition`.
+        """
+        travels = self.travels(after)
+        core = self.model.transition(before, after, duration, travels)
+        half = self.model.noise(before, after, 0.5 * duration)
+        # what turns with heading and is not in the matrix: surge, or the error of travel
+        variance = self.p[3, 3] + self.p[4, 4]
+        left = variance if travels else max(0.0, after[4] ** 2 + after[5] ** 2 - variance)
+        half[0, 0] += (walk := 0.5 * duration * _SURGE * self.turn * left)
+        half[1, 1] += walk
+        size = len(self.x)
+        if size > SIZE:
+            full, more = np.zeros((size, size)), np.zeros((size, size))
+            full[:SIZE, :SIZE], more[:SIZE, :SIZE] = core, half
+            full[SIZE:, SIZE:] = self._own_transition(duration)
+            np.einsum("ii->i", more)[SIZE:] = (0.5 * duration) * self._own_walk
+            core, half = full, more
+        p = core @ (self.p + half) @ core.T
+        p += half
+        self.p = 0.5 * (p + p.T)
+        self.x = core @ self.x
+        if self.p[COSINE, COSINE] == 0.0 and self.p[HEADING, HEADING] > 4.0 * _SMALL**2:
+            self._open_heading()
+        if self._relaxes:  # the value in use stays: what is true tends to the one at the start
+            self.x[9:COSINE] += (1.0 - core.diagonal()[9:COSINE]) * self.values[9:COSINE]
+            self.x[SIZE:] += self.values[SIZE:] - core[SIZE:, SIZE:] @ self.values[SIZE:]
+
+    def disturb(self, attitude_stddev: float, velocity_stddev: float, position_stddev: float) -> None:
+        """The solution may be wrong by so much more, each axis: rad, m/s, m."""
+        more = np.zeros(len(self.x))
+        more[POSITION], more[VELOCITY], more[ATTITUDE] = position_stddev, velocity_stddev, attitude_stddev
+        if not self.model.vertical:
+            more[VERTICAL_VELOCITY] = 0.0
+        self.p = self.p + np.diag(more**2)
+
+    def _own_transition(self, duration: float) -> Array:
+        """Of the aids' states, shape (k, k)."""
+        decay = np.exp(-duration * self._own_rate)
+        phi: Array = np.diag(decay)
+        for i, j in self._integrals:
+            rate = self._own_rate[j]
+            phi[i, j] = (1.0 - decay[j]) / rate if rate > 0.0 else duration
+        return phi
+
+    def update(
+        self, aid: str, stamp_ns: int, measurement: Measurement, gate: float = GATE, patience: float = PATIENCE
+    ) -> Update:
+        """Take a measurement of the present state.
+
+        Above the gate it is rejected. But when an aid had nothing accepted for its patience, and its last `AGREEING`
+        measurements, all rejected, agree with each other, then the filter is wrong, not the aid: the covariance of
+        what the aid measures (and of its rate of change, when that differs too) grows until the measurement fits.
+        Correlations stay as they were, so that a jump of position moves the position and nothing else. Reflected
+        satellite signals, too, agree with each other for half a minute: that is why patience is longer. After an
+        outage it is spent already. It is so, too, once what the aid measures has become far less certain, where the
+        row of rejected ones began just outside the gate: it is the filter then that has left.
+
+        An aid that thinks too well of itself is told by the median of its normalized squares: its variance is taken
+        larger by that. Only those within the gate count: what is outside is no noise, but an outlier or a jump.
+
+        Parameters
+        ----------
+        aid : str
+            Its name.
+        stamp_ns : int
+        measurement : Measurement
+        gate : float
+            Probability with which a good measurement is rejected.
+        patience : float
+            s; 0 for one that is never believed against the filter, infinite for one that is only where the filter has
+            drifted.
+
+        Returns
+        -------
+        Update
+        """
+        innovation, h_core, r, direct, h_own, shares = measurement
+        if not (np.isfinite(innovation).all() and np.isfinite(r).all() and np.isfinite(h_core).all()):
+            nothing = (math.nan,) * len(innovation)
+            return Update(aid, stamp_ns, tuple(innovation.tolist()), nothing, math.nan, False, "not a number")
+        track = self._tracks.get(aid, Track())
+        factor = track.noise_factor(len(innovation))
+        if direct is None:
+            direct = self._own[aid]
+        size = len(self.x)
+        h = h_core
+        if size > SIZE:
+            h = np.zeros((len(innovation), size))
+            h[:, :SIZE] = h_core
+            if h_own is not None:
+                h[:, self._columns((aid, shares))] = h_own
+        residual = innovation - h @ self.x
+        ph = self.p @ h.T
+        predicted = h @ ph
+        plain = float(residual @ np.linalg.solve(predicted + r, residual))
+        r = factor * r
+        s = predicted + r
+        inverse = np.linalg.inv(s)
+        square = float(residual @ inverse @ residual)
+        sigma = tuple(math.sqrt(v) for v in s.diagonal().tolist())
+        ratio = square / limit(len(residual), gate)
+        reason = ""
+        # without patience the gate is the only way back
+        goes_on = patience > 0.0 and track.goes_on(residual, r)
+        if goes_on or not ratio <= 1.0:  # above, or too large to be a number
+            track = track.rejecting(stamp_ns, residual, ratio)
+            if not track.stands_alone(r, float(predicted.trace()), patience) or not self._widen(track, h, r, direct):
+                self._tracks = self._tracks | {aid: track}
+                reason = "says what those outside the gate have said" if ratio <= 1.0 else "outside the gate"
+                return Update(aid, stamp_ns, tuple(residual.tolist()), sigma, ratio, False, reason, factor)
+            reason = f"after {len(track.rejected)} rejected that agree"
+            ph = self.p @ h.T
+            inverse = np.linalg.inv(h @ ph + r)
+        else:
+            track = track.seen(plain, len(residual))
+        self._take(ph @ inverse, h, r, residual)
+        track = track.accepting(stamp_ns, float((h @ self.p @ h.T).trace()))
+        self._tracks = self._tracks | {aid: track}
+        return Update(aid, stamp_ns, tuple(residual.tolist()), sigma, ratio, True, reason, factor)
+
+    def _columns(self, aids: Sequence[str]) -> NDArray[np.intp]:
+        """Numbers of their own states."""
+        found = [i for name in aids if name in self._own for i in range(self._own[name].start, self._own[name].stop)]
+        return np.array(found, np.intp)
+
+    def _take(self, gain: Array, h: Array, r: Array, residual: Array) -> None:
+        """Joseph's form."""
+        self.x = self.x + gain @ residual
+        left = -gain @ h
+        np.einsum("ii->i", left)[:] += 1.0
+        p = left @ self.p @ left.T + gain @ r @ gain.T
+        self.p = 0.5 * (p + p.T)
+
+    def _widen(self, track: Track, h: Array, r: Array, direct: slice) -> bool:
+        """Let the covariance grow until the last measurement fits; whether that is possible."""
+        p = self.p.copy()
+        if not _grow(p, direct, h[:, direct], track.rejected[-1][1], h @ p @ h.T + r):
+            return False
+        if direct == POSITION:
+            slope, variance, _ = line(track.rejected)
+            ahead = h[:, direct] @ p[VELOCITY, VELOCITY] @ h[:, direct].T + variance * r
+            _grow(p, VELOCITY, h[:, direct], slope, ahead)
+        self.p = p
+        return True
+
+    def feed_back(self, state: NavState, gyro_bias: Vector, accel_bias: Vector) -> tuple[NavState, Vector, Vector]:
+        """Take the estimated errors out of the solution; the estimate is zero afterwards.
+
+        The covariance goes along to the corrected axes: exact for heading by any angle.
+
+        Parameters
+        ----------
+        state : NavState
+        gyro_bias, accel_bias : 3 floats
+            In use.
+
+        Returns
+        -------
+        state : NavState
+        gyro_bias, accel_bias : 3 floats
+            Corrected.
+        """
+        open_heading = bool(self.p[COSINE, COSINE] > 0.0)
+        close = open_heading and self._join_heading()
+        x = self.x
+        corrected = self.model.apply(x, state, gyro_bias, accel_bias)
+        c, s, length = _unit(x)
+        back = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+        turn: Array = np.eye(len(x))
+        turn[VELOCITY, VELOCITY] = back @ rotation_matrix(from_rotation_vector(-float(x[6]), -float(x[7]), 0.0))
+        turn[6:8, 6:8] = back[:2, :2]
+        if open_heading:
+            turn[HEADING, HEADING], turn[HEADING, COSINE] = c, s
+            turn[COSINE, HEADING], turn[COSINE, COSINE] = -s, c
+        p = turn @ self.p @ turn.T
+        self.values = self.values - x
+        self.x = np.zeros_like(x)
+        if close:
+            p[COSINE, :] = p[:, COSINE] = 0.0
+        elif open_heading:
+            self.x[COSINE] = 1.0 - length
+        if not self.model.vertical:
+            p[VERTICAL_VELOCITY, :] = p[:, VERTICAL_VELOCITY] = 0.0
+        self.p = 0.5 * (p + p.T)
+        return corrected
+
+    def _open_heading(self) -> None:
+        """Heading is not known: its sine and cosine become two states, with the moments of a normal angle."""
+        p = self.p.copy()
+        variance = float(p[HEADING, HEADING])
+        mean = math.exp(-0.5 * variance)
+        p[HEADING, :] *= mean
+        p[:, HEADING] *= mean
+        p[HEADING, HEADING] = 0.5 * (1.0 - mean**4)
+        p[COSINE, COSINE] = 0.5 * (1.0 - mean**2) ** 2
+        self.p, self.x = p, self.x.copy()
+        self.x[COSINE] = 1.0 - mean
+
+    def _join_heading(self) -> bool:
+        """Once heading is known, let its sine and cosine belong to one angle; whether it is known."""
+        c, s, length = _unit(self.x)
+        across: Array = np.zeros(len(self.x))
+        across[HEADING], across[COSINE] = c, s
+        variance = float(across @ self.p @ across) / length**2
+        if variance > _SMALL**2:
+            return False
+        h: Array = np.zeros((1, len(self.x)))
+        h[0, HEADING], h[0, COSINE] = s, -c
+        r = np.array([[0.5 * variance**2]])
+        ph = self.p @ h.T
+        self._take(ph / (h @ ph + r), h, r, np.array([1.0 - 0.5 * variance - length]))
+        return True
+
+
+def _unit(x: Array) -> tuple[float, float, float]:
+    """Cosine and sine of the heading error, and the length of the two as estimated."""
+    sine, cosine = float(x[HEADING]), 1.0 - float(x[COSINE])
+    length = math.hypot(sine, cosine)
+    return cosine / length, sine / length, length
+
+
+def _grow(p: Array, states: slice, h: Array, misfit: Array, predicted: Array) -> bool:
+    """Scale the covariance block of the states, in place, until the misfit's normalized square is its expectation."""
+    block = p[states, states].copy()
+    seen = h @ block @ h.T
+    factor = 0.0
+    for _ in range(60):
+        if misfit @ np.linalg.solve(predicted + factor * seen, misfit) <= len(misfit):
+            p[states, states] += factor * block
+            return True
+        factor = 4.0 * factor + 1.0
+    return False

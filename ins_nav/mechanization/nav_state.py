@@ -1,0 +1,186 @@
+"""The navigation state: attitude, velocity, position, and what a user reads off them.
+
+A state is a plain tuple of `STATE_SIZE` floats::
+
+    q_nb (x, y, z, w)   body (FLU) to n
+    v_n  (x, y, z)      velocity relative to the Earth, m/s
+    q_en (x, y, z, w)   n to Earth-fixed axes: position and azimuth of the frame in one
+    height              above the ellipsoid, m
+
+The navigation frame n is horizontal, its z axis up, free in azimuth: see `ins_nav.mechanization.strapdown`.
+
+References
+----------
+.. [2] Vavilova, Golovan, Kozlov, Papusha, fine alignment of an AUV's INS on a rocking base: the equations of
+       navigation in the free-azimuth frame.
+"""
+
+import math
+from dataclasses import dataclass
+
+from scipy.spatial.transform import Rotation
+
+from ins_nav.mechanization import attitude
+from ins_nav.mechanization.attitude import Quaternion, from_rotation_vector, multiply, rotate
+from ins_nav.mechanization.earth import (
+    ECCENTRICITY_SQUARED,
+    RATE,
+    enu_axes,
+    geodetic_to_ecef,
+    principal_radii,
+)
+
+STATE_SIZE = 12
+NavState = tuple[float, ...]
+
+
+def initial_state(
+    lat: float,
+    lon: float,
+    height: float,
+    velocity_g: tuple[float, float, float],
+    q_gb: Quaternion,
+) -> NavState:
+    """State from what a user knows; n starts as east-north-up.
+
+    Parameters
+    ----------
+    lat, lon : float
+        Geodetic, rad.
+    height : float
+        Ellipsoidal, m.
+    velocity_g : 3 floats
+        East, north, up, m/s.
+    q_gb : Quaternion
+        Body to east-north-up.
+    """
+    q_en = Rotation.from_matrix(enu_axes(lat, lon)).as_quat()
+    return (*map(float, q_gb), *map(float, velocity_g), *map(float, q_en), float(height))
+
+
+def corrected(
+    state: NavState,
+    position: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    velocity: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    rotation: tuple[float, float, float] = (0.0, 0.0, 0.0),
+) -> NavState:
+    """A state with corrections on the axes of n added.
+
+    Parameters
+    ----------
+    state : NavState
+    position : 3 floats
+        Two along the horizontal axes, one up, m. n goes along without turning about the vertical; attitude relative
+        to n stays.
+    velocity : 3 floats
+        m/s.
+    rotation : 3 floats
+        Rotation vector by which the body turns relative to n, rad.
+    """
+    ex, ey, ez, ew, height = state[7:]
+    rx = 2.0 * (ex * ez - ey * ew)
+    ry = 2.0 * (ey * ez + ex * ew)
+    rz = 1.0 - 2.0 * (ex * ex + ey * ey)
+    meridian, prime_vertical = principal_radii(rz)
+    r_n, r_m = prime_vertical + height, meridian + height
+    k = ECCENTRICITY_SQUARED * prime_vertical / ((1.0 - ECCENTRICITY_SQUARED * rz * rz) * r_m * r_n)
+    dx, dy, dz = position
+    along = k * (rx * dx + ry * dy)
+    turn = from_rotation_vector(-(dy / r_n + along * ry), dx / r_n + along * rx, 0.0)
+    q_en = attitude.normalized(multiply((ex, ey, ez, ew), turn))
+    q_nb = attitude.normalized(multiply(from_rotation_vector(*rotation), state[0:4]))  # type: ignore[arg-type]
+    vx, vy, vz = state[4:7]
+    return (*q_nb, vx + velocity[0], vy + velocity[1], vz + velocity[2], *q_en, height + dz)
+
+
+def heading_change(before: NavState, after: NavState) -> float:
+    """Turn of the body about the vertical from one solution to another of the same instant, rad, left positive."""
+    yaw = (attitude.to_euler(geodetic(state).q_gb)[2] for state in (before, after))
+    return math.remainder(-next(yaw) + next(yaw), 2.0 * math.pi)
+
+
+@dataclass(frozen=True, slots=True)
+class Geodetic:
+    """A state in the user's terms: geodetic position, rad and m; east-north-up velocity, m/s; body to ENU."""
+
+    lat: float
+    lon: float
+    height: float
+    velocity_g: tuple[float, float, float]
+    q_gb: Quaternion
+
+
+def geodetic(state: NavState) -> Geodetic:
+    """Position, velocity and attitude on east-north-up axes ([2]_: λ, φ and χ from B_xη).
+
+    At a pole longitude is a convention; it and the azimuth of the axes are consistent with each other.
+    """
+    qx, qy, qz, qw, vx, vy, vz, ex, ey, ez, ew, height = state
+    ux = 2.0 * (ex * ez + ey * ew)  # the vertical on Earth-fixed axes: third column of C_en
+    uy = 2.0 * (ey * ez - ex * ew)
+    uz = 1.0 - 2.0 * (ex * ex + ey * ey)
+    cos_lat = math.hypot(ux, uy)
+    chi = math.atan2(ex * ez - ey * ew, ey * ez + ex * ew)
+    c, s = math.cos(chi), math.sin(chi)
+    turn = (0.0, 0.0, math.sin(0.5 * chi), math.cos(0.5 * chi))
+    return Geodetic(
+        math.atan2(uz, cos_lat),
+        math.atan2(uy, ux),
+        height,
+        (c * vx - s * vy, s * vx + c * vy, vz),
+        multiply(turn, (qx, qy, qz, qw)),
+    )
+
+
+def position_ecef(state: NavState) -> tuple[float, float, float]:
+    """Earth-fixed Cartesian position, m."""
+    ex, ey, ez, ew, height = state[7:]
+    uz = 1.0 - 2.0 * (ex * ex + ey * ey)
+    _, prime_vertical = principal_radii(uz)
+    r = prime_vertical + height
+    return (
+        r * 2.0 * (ex * ez + ey * ew),
+        r * 2.0 * (ey * ez - ex * ew),
+        (r - ECCENTRICITY_SQUARED * prime_vertical) * uz,
+    )
+
+
+class MapFrame:
+    """The ``map`` frame (REP-105): the east-north-up tangent plane at an origin.
+
+    Parameters
+    ----------
+    lat, lon : float
+        Origin, rad.
+    height : float
+        Origin, m above the ellipsoid.
+    """
+
+    def __init__(self, lat: float, lon: float, height: float) -> None:
+        axes = enu_axes(lat, lon)
+        self._origin = tuple(map(float, geodetic_to_ecef(lat, lon, height)))
+        self._q_me: Quaternion = tuple(map(float, Rotation.from_matrix(axes.T).as_quat()))  # type: ignore[assignment]
+
+    def position(self, state: NavState) -> tuple[float, float, float]:
+        """Position of a state in the map, m."""
+        x, y, z = position_ecef(state)
+        ox, oy, oz = self._origin
+        return rotate(self._q_me, x - ox, y - oy, z - oz)
+
+    def attitude(self, state: NavState) -> Quaternion:
+        """Body to map of a state."""
+        q_en = state[7:11]
+        q_nb = state[0:4]
+        return multiply(multiply(self._q_me, q_en), q_nb)  # type: ignore[arg-type]
+
+
+def velocity_body(state: NavState) -> tuple[float, float, float]:
+    """Velocity relative to the Earth on body axes, m/s."""
+    return rotate(attitude.conjugate(state[0:4]), *state[4:7])  # type: ignore[arg-type]
+
+
+def earth_rate_body(state: NavState) -> tuple[float, float, float]:
+    """Earth's rate on body axes, rad/s."""
+    qx, qy, qz, qw, _, _, _, ex, ey, ez, ew, _ = state
+    axis = (2.0 * (ex * ez - ey * ew), 2.0 * (ey * ez + ex * ew), 1.0 - 2.0 * (ex * ex + ey * ey))
+    return rotate((-qx, -qy, -qz, qw), RATE * axis[0], RATE * axis[1], RATE * axis[2])

@@ -1,0 +1,287 @@
+"""Strapdown mechanization: angular rate and specific force -> attitude, velocity, position.
+
+The navigation frame n is horizontal, its z axis up, free in azimuth: it does not turn about the vertical
+relative to the Earth (the frame Mx of the alignment paper). Nothing here divides by cos(latitude), so the
+poles are places like any other. Its azimuth ``chi`` against east-north-up is read off the position matrix.
+
+A state is a plain tuple of `STATE_SIZE` floats::
+
+    q_nb (x, y, z, w)   body (FLU) to n
+    v_n  (x, y, z)      velocity relative to the Earth, m/s
+    q_en (x, y, z, w)   n to Earth-fixed axes: position and azimuth of the frame in one
+    height              above the ellipsoid, m
+
+`step` is the only implementation. A live node calls it as it is; `integrate` runs the same function, compiled
+by numba, over a recording.
+
+References
+----------
+.. [1] P. G. Savage, "Strapdown Inertial Navigation Integration Algorithm Design", parts 1 and 2, Journal of
+       Guidance, Control, and Dynamics, 1998, vol. 21, no. 1-2.
+.. [2] Vavilova, Golovan, Kozlov, Papusha, fine alignment of an AUV's INS on a rocking base: the equations of
+       navigation in the free-azimuth frame.
+"""
+
+import functools
+import math
+import types
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ins_nav.mechanization.attitude import from_rotation_vector, multiply, rotate
+from ins_nav.mechanization.earth import (
+    ECCENTRICITY_SQUARED,
+    NORTH_GRAVITY_PER_METRE,
+    RATE,
+    normal_gravity,
+    principal_radii,
+)
+from ins_nav.mechanization.nav_state import STATE_SIZE, NavState
+
+Sample = tuple[float, float, float, float, float, float, float]
+"""(interval, rate x y z, specific force x y z): s, rad/s, m/s²."""
+
+
+def compensated_increments(h, wx, wy, wz, fx, fy, fz, dwx, dwy, dwz, dfx, dfy, dfz):
+    """Rotation vector of the body and its velocity increment over one interval.
+
+    Rate and specific force are taken as linear in time over the interval: their means are ``w`` and ``f``, they
+    change by ``dw`` and ``df``. That gives coning and sculling their two-sample forms ([1]_ part 1 eq. 58 and
+    part 2 eq. 19); turning during the interval is exact for constant rate.
+
+    Parameters
+    ----------
+    h : float
+        Interval, s.
+    wx, wy, wz, fx, fy, fz : float
+        Mean angular rate, rad/s, and specific force, m/s², body axes.
+    dwx, dwy, dwz, dfx, dfy, dfz : float
+        Their change from the start to the end of the interval.
+
+    Returns
+    -------
+    rotation : 3 floats
+        Rotation vector from the body at the start to the body at the end, rad.
+    velocity : 3 floats
+        Integral of specific force on the body axes at the start, m/s.
+    """
+    ax, ay, az = wx * h, wy * h, wz * h
+    ux, uy, uz = fx * h, fy * h, fz * h
+    c = h * h / 12.0
+    angle2 = ax * ax + ay * ay + az * az
+    if angle2 < 1e-4:
+        k1 = 0.5 - angle2 * (1.0 / 24.0 - angle2 / 720.0)
+        k2 = 1.0 / 6.0 - angle2 * (1.0 / 120.0 - angle2 / 5040.0)
+    else:
+        angle = math.sqrt(angle2)
+        k1 = (1.0 - math.cos(angle)) / angle2
+        k2 = (angle - math.sin(angle)) / (angle2 * angle)
+    # a x u, and a x (a x u)
+    px, py, pz = ay * uz - az * uy, az * ux - ax * uz, ax * uy - ay * ux
+    rx, ry, rz = ay * pz - az * py, az * px - ax * pz, ax * py - ay * px
+    return (
+        ax + c * (wy * dwz - wz * dwy),
+        ay + c * (wz * dwx - wx * dwz),
+        az + c * (wx * dwy - wy * dwx),
+        ux + k1 * px + k2 * rx + c * (wy * dfz - wz * dfy + fy * dwz - fz * dwy),
+        uy + k1 * py + k2 * ry + c * (wz * dfx - wx * dfz + fz * dwx - fx * dwz),
+        uz + k1 * pz + k2 * rz + c * (wx * dfy - wy * dfx + fx * dwy - fy * dwx),
+    )
+
+
+def advance(state, h, rotation_x, rotation_y, rotation_z, velocity_x, velocity_y, velocity_z, vertical):
+    """Carry a state over one interval with the increments of `compensated_increments`.
+
+    Earth's rate, the transport rate, gravity and the Coriolis term are taken at the middle of the interval.
+
+    Parameters
+    ----------
+    state : NavState
+    h : float
+        Interval, s.
+    rotation_x, rotation_y, rotation_z : float
+        Rotation vector of the body relative to inertial space, rad.
+    velocity_x, velocity_y, velocity_z : float
+        Velocity increment on the body axes at the start, m/s.
+    vertical : bool
+        Integrate the vertical channel; otherwise vertical velocity is zero and height stays.
+
+    Returns
+    -------
+    NavState
+    """
+    qx, qy, qz, qw, vx, vy, vz, ex, ey, ez, ew, height = state
+    half = 0.5 * h
+    ux, uy, uz = rotate((qx, qy, qz, qw), velocity_x, velocity_y, velocity_z)
+
+    # Earth's axis on n (third row of C_en); its z component is the sine of latitude
+    rx = 2.0 * (ex * ez - ey * ew)
+    ry = 2.0 * (ey * ez + ex * ew)
+    rz = 1.0 - 2.0 * (ex * ex + ey * ey)
+    mid_height = height + half * vz
+    meridian, prime_vertical = principal_radii(rz)
+    r_n = prime_vertical + mid_height
+    r_m = meridian + mid_height
+    # difference of the two curvatures over cos² of latitude: regular at the pole
+    k = ECCENTRICITY_SQUARED * prime_vertical / ((1.0 - ECCENTRICITY_SQUARED * rz * rz) * r_m * r_n)
+
+    # velocity in the middle of the interval, Coriolis still left out
+    mx, my = vx + 0.5 * ux, vy + 0.5 * uy
+    along = k * (rx * mx + ry * my)
+    px, py = mx / r_n + along * rx, my / r_n + along * ry  # rate of the vertical on n; transport rate (-py, px, 0)
+    rx, ry, rz = rx - half * px * rz, ry - half * py * rz, rz + half * (px * rx + py * ry)
+    ox, oy, oz = RATE * rx, RATE * ry, RATE * rz
+    gravity = normal_gravity(rz, mid_height)
+    north = 2.0 * NORTH_GRAVITY_PER_METRE * mid_height * rz  # times (rx, ry): its horizontal components
+    mz = vz + 0.5 * (uz - gravity * h) if vertical else 0.0
+
+    # n turns during the interval: half of that turn applies to the increment
+    wx, wy, wz = ox - py, oy + px, oz
+    cx, cy, cz = 2.0 * ox - py, 2.0 * oy + px, 2.0 * oz
+    # to the first power of the interval the Coriolis acceleration depends on itself: 2 mm in 10 min at 250 m/s
+    mx, my, mz = (
+        mx + half * (cz * my - cy * mz),
+        my + half * (cx * mz - cz * mx),
+        mz + half * (cy * mx - cx * my) if vertical else 0.0,
+    )
+    nvx = vx + ux - half * (wy * uz - wz * uy) + h * (north * rx - cy * mz + cz * my)
+    nvy = vy + uy - half * (wz * ux - wx * uz) + h * (north * ry - cz * mx + cx * mz)
+    if vertical:
+        nvz = vz + uz - half * (wx * uy - wy * ux) + h * (-gravity - cx * my + cy * mx)
+    else:
+        nvz = 0.0
+
+    # position: trapezoid in velocity
+    mx, my = 0.5 * (vx + nvx), 0.5 * (vy + nvy)
+    along = k * (rx * mx + ry * my)
+    px, py = mx / r_n + along * rx, my / r_n + along * ry
+    ax, ay = -half * py, half * px
+    aw = 1.0 - 0.5 * (ax * ax + ay * ay)
+    nex = ew * ax + ex * aw - ez * ay
+    ney = ew * ay + ey * aw + ez * ax
+    nez = ez * aw + ex * ay - ey * ax
+    new = ew * aw - ex * ax - ey * ay
+    scale = 1.5 - 0.5 * (nex * nex + ney * ney + nez * nez + new * new)
+
+    q = multiply((qx, qy, qz, qw), from_rotation_vector(rotation_x, rotation_y, rotation_z))
+    q = multiply(from_rotation_vector(h * (py - ox), -h * (px + oy), -h * oz), q)
+    unit = 1.5 - 0.5 * (q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+    return (
+        unit * q[0],
+        unit * q[1],
+        unit * q[2],
+        unit * q[3],
+        nvx,
+        nvy,
+        nvz,
+        scale * nex,
+        scale * ney,
+        scale * nez,
+        scale * new,
+        height + half * (vz + nvz),
+    )
+
+
+def step(state, previous, sample, instantaneous, vertical):
+    """One IMU sample: increments with coning and sculling, then the navigation equations.
+
+    Parameters
+    ----------
+    state : NavState
+        At the stamp of the previous sample.
+    previous, sample : Sample
+        The previous sample and this one, (h, wx, wy, wz, fx, fy, fz); h is the interval each one ends.
+    instantaneous : bool
+        Samples are values at their stamps; otherwise means over the intervals they end (increment / interval).
+    vertical : bool
+        Integrate the vertical channel.
+
+    Returns
+    -------
+    NavState
+        At the stamp of this sample.
+    """
+    h0, ax, ay, az, bx, by, bz = previous
+    h, wx, wy, wz, fx, fy, fz = sample
+    if instantaneous:
+        change = 1.0
+        mx, my, mz = 0.5 * (ax + wx), 0.5 * (ay + wy), 0.5 * (az + wz)
+        nx, ny, nz = 0.5 * (bx + fx), 0.5 * (by + fy), 0.5 * (bz + fz)
+    else:
+        change = 2.0 * h / (h0 + h)
+        mx, my, mz, nx, ny, nz = wx, wy, wz, fx, fy, fz
+    r = compensated_increments(
+        h,
+        mx,
+        my,
+        mz,
+        nx,
+        ny,
+        nz,
+        change * (wx - ax),
+        change * (wy - ay),
+        change * (wz - az),
+        change * (fx - bx),
+        change * (fy - by),
+        change * (fz - bz),
+    )
+    return advance(state, h, r[0], r[1], r[2], r[3], r[4], r[5], vertical)
+
+
+def _integrate_all(step, state, previous, samples, instantaneous, vertical, states):
+    for i in range(len(samples)):
+        s = samples[i]
+        sample = (s[0], s[1], s[2], s[3], s[4], s[5], s[6])
+        state = step(state, previous, sample, instantaneous, vertical)
+        previous = sample
+        for j in range(12):
+            states[i, j] = state[j]
+
+
+@functools.cache
+def compiled(function: Callable) -> Callable:
+    """The function compiled by numba, together with the plain functions of this package that it calls."""
+    import numba
+
+    names = {
+        name: compiled(value)
+        for name, value in function.__globals__.items()
+        if name in function.__code__.co_names and isinstance(value, types.FunctionType)
+    }
+    return numba.njit(types.FunctionType(function.__code__, function.__globals__ | names, function.__name__))
+
+
+def integrate(
+    state: NavState,
+    previous: Sample,
+    samples: NDArray[np.float64],
+    *,
+    instantaneous: bool = False,
+    vertical: bool = True,
+) -> NDArray[np.float64]:
+    """Run `step` over a recording.
+
+    Parameters
+    ----------
+    state : NavState
+        At the stamp of ``previous``.
+    previous : Sample
+        The sample before the first; where there is none, the first itself.
+    samples : ndarray, shape (n, 7)
+        Interval, angular rate, specific force a row.
+    instantaneous, vertical : bool
+        As in `step`.
+
+    Returns
+    -------
+    ndarray, shape (n, STATE_SIZE)
+        The state at each sample's stamp.
+    """
+    samples = np.ascontiguousarray(samples, dtype=float)
+    states = np.empty((len(samples), STATE_SIZE))
+    floats = tuple(float(x) for x in state)
+    before = tuple(float(x) for x in previous)
+    compiled(_integrate_all)(compiled(step), floats, before, samples, instantaneous, vertical, states)
+    return states

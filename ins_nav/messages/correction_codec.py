@@ -1,0 +1,63 @@
+"""A correction of the delayed filter as a message, and back."""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from ins_nav.messages.stamps import NS
+from ins_nav.navigator.correction import Correction
+
+FEEDBACK = (
+    ("stamp", 2),
+    ("apply", 2),
+    ("state", 12),
+    ("gyro_bias", 3),
+    ("accel_bias", 3),
+    ("aligned", 1),
+    ("covariance", 225),
+)
+"""Parts of a feedback message, with their sizes."""
+_UNIT = 1e-6
+"""Of a unit quaternion's length."""
+
+
+def fill_feedback(message: Any, feedback: Correction) -> None:
+    """A std_msgs/Float64MultiArray of one row: stamps as s and ns, the state, biases, a flag, the covariance.
+
+    One message, so that nothing of it can be lost alone; its layout names the parts.
+    """
+    message.data = [
+        *(float(x) for x in divmod(feedback.stamp_ns, NS)),
+        *(float(x) for x in divmod(feedback.apply_ns, NS)),
+        *map(float, feedback.state),
+        *feedback.gyro_bias,
+        *feedback.accel_bias,
+        float(feedback.aligned),
+        *feedback.covariance.ravel().tolist(),
+    ]
+
+
+def read_feedback(message: Any) -> Correction | None:
+    """The same read; None where it is not one: sizes, numbers, unit quaternions, variances."""
+    data = [float(x) for x in message.data]
+    if len(data) != sum(size for _, size in FEEDBACK) or not all(map(math.isfinite, data)):
+        return None
+    parts, at = {}, 0
+    for name, size in FEEDBACK:
+        parts[name] = tuple(data[at : at + size])
+        at += size
+    state, covariance = parts["state"], np.array(parts["covariance"]).reshape(15, 15)
+    off = max(abs(math.hypot(*q) - 1.0) for q in (state[0:4], state[7:11]))
+    if off > _UNIT or covariance.diagonal().min() < 0.0:
+        return None
+    stamp, apply = (round(parts[name][0]) * NS + round(parts[name][1]) for name in ("stamp", "apply"))
+    return Correction(
+        stamp,
+        apply,
+        state,
+        parts["gyro_bias"],  # type: ignore[arg-type]
+        parts["accel_bias"],  # type: ignore[arg-type]
+        covariance,
+        parts["aligned"][0] != 0.0,
+    )

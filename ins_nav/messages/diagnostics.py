@@ -1,0 +1,130 @@
+"""State of a navigator for people: the values of a diagnostic status."""
+
+import math
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ins_nav.aiding.aids import BEACON
+from ins_nav.event_log import ERROR, INFO, EventLog
+from ins_nav.messages.stamps import NS
+from ins_nav.navigator.delayed import DelayedNavigator
+from ins_nav.navigator.realtime import Phase, RealtimeNavigator
+
+SILENCE = 2.0
+"""s without a message on imu/data_raw that is an error: 20 intervals of the slowest IMU."""
+_BIAS_UNIT = math.degrees(1.0) * 3600.0
+
+
+def silence(seconds: float) -> str:
+    """What to say when imu/data_raw has been silent for so many seconds."""
+    return f"no messages on imu/data_raw for {seconds:.0f} s: is the driver running?"
+
+
+def diagnostics(navigator: RealtimeNavigator, silent_for: float = 0.0) -> tuple[int, str, dict[str, str]]:
+    """Level (0 OK, 1 warning, 2 error), one line, and the values of a diagnostic status.
+
+    Parameters
+    ----------
+    navigator : RealtimeNavigator
+    silent_for : float
+        Time since the last message on imu/data_raw, s, where that is known.
+    """
+    stream, events = navigator.stream, navigator.events
+    values = {
+        "phase": navigator.phase.value,
+        "alignment progress": f"{100.0 * navigator.progress:.0f} %",
+        "imu/data_raw received": str(stream.received),
+        "imu/data_raw integrated": str(stream.accepted),
+        "imu/data_raw rate": "unknown" if math.isnan(stream.nominal) else f"{1.0 / stream.nominal:.1f} Hz",
+        "gyro bias": " ".join(f"{x * _BIAS_UNIT:.4f}" for x in navigator.gyro_bias) + " deg/h",
+        "accelerometer bias": " ".join(f"{x:.5f}" for x in navigator.accel_bias) + " m/s^2",
+    }
+    if navigator.phase in (Phase.FINE, Phase.NAVIGATING):
+        sigma = np.sqrt(navigator.accuracy.covariance.diagonal())
+        stops = navigator.stops
+        values |= _sigmas(sigma, sigma[8])
+        values |= {
+            "stopped": str(stops.detector.stopped).lower(),
+            "stops with zero velocity": str(stops.held),
+            "velocity error at the last stop": f"{stops.velocity_error:.3f} m/s",
+            "stops doubted": str(stops.doubted),
+            "ZUPT calibrations": str(stops.calibrations),
+        }
+    values |= {kind: str(count) for kind, count in events.counts.items()}
+    level, text = _summary(navigator, events, silent_for)
+    return level, text, values
+
+
+def alignment_diagnostics(navigator: DelayedNavigator, silent_for: float = 0.0) -> tuple[int, str, dict[str, str]]:
+    """The same of the filter: its sigmas, progress of fine alignment, and every aid with its last innovation."""
+    stream = navigator.stream
+    values = {
+        "phase": navigator.phase.value,
+        "coarse alignment progress": f"{100.0 * navigator.progress:.0f} %",
+        "imu/data_raw received": str(stream.received),
+        "imu/data_raw used": str(stream.accepted),
+    }
+    if navigator.filter is not None:
+        p = navigator.filter.p
+        sigma = np.sqrt(p.diagonal())
+        values |= _sigmas(sigma, navigator.filter.heading_stddev)
+        values |= {
+            "time left by prediction": f"{navigator.time_left:.0f} s",
+            "gyro bias": _with_sigma(navigator.gyro_bias, sigma[9:12], _BIAS_UNIT, 4) + " deg/h",
+            "accelerometer bias": _with_sigma(navigator.accel_bias, sigma[12:15], 1.0, 5) + " m/s^2",
+        }
+    for name, record in navigator.records.items():
+        values[f"{name}: accepted, rejected"] = f"{record.accepted}, {record.rejected}"
+        if record.last is not None:
+            values[f"{name}: innovation"] = _with_sigma(record.last.innovation, record.last.sigma, 1.0, 3)
+            values[f"{name}: test ratio"] = f"{record.last.test_ratio:.2f}"
+            if record.last.noise_factor > 1.0:
+                values[f"{name}: sigma taken larger"] = f"{math.sqrt(record.last.noise_factor):.1f} times"
+            if record.accepted:
+                age = (navigator.settled_ns - record.accepted_ns) / NS
+                values[f"{name}: last accepted"] = f"{age:.1f} s ago"
+        own = navigator.own_states(name)
+        if name.startswith(BEACON):
+            values[f"{name}: place sigma"] = f"{math.hypot(*(s for _, s in own[:3])):.2f} m"
+        elif own:
+            values[f"{name}: own states"] = ", ".join(f"{x:.4f} ± {s:.4f}" for x, s in own)
+    values |= {kind: str(count) for kind, count in navigator.events.counts.items()}
+    level, text = _summary(navigator, navigator.events, silent_for)
+    if level == 0 and navigator.phase is Phase.FINE and navigator.filter is not None:
+        stddev = math.degrees(navigator.filter.heading_stddev)
+        text = f"fine; heading sigma {stddev:.2f}°, {navigator.time_left:.0f} s left"
+    missed = navigator.missed()
+    if level == 0 and missed:
+        level, text = 1, f"{text}; {'; '.join(missed)}"
+    return level, text, values
+
+
+def _sigmas(sigma: NDArray[np.float64], heading: float) -> dict[str, str]:
+    """Of the solution, for people; the array as the states of `ins_nav.estimation.error_model`."""
+    return {
+        "position sigma": f"{math.hypot(*sigma[0:2]):.3f} m",
+        "height sigma": f"{sigma[2]:.3f} m",
+        "velocity sigma": f"{math.hypot(*sigma[3:5]):.4f} m/s",
+        "level sigma": f"{math.degrees(max(sigma[6:8])):.5f} deg",
+        "heading sigma": f"{math.degrees(heading):.4f} deg",
+    }
+
+
+def _with_sigma(values: Iterable[float], sigmas: Iterable[float], unit: float, digits: int) -> str:
+    return ", ".join(f"{x * unit:.{digits}f} ± {s * unit:.{digits}f}" for x, s in zip(values, sigmas, strict=True))
+
+
+def _summary(navigator: RealtimeNavigator, events: EventLog, silent_for: float) -> tuple[int, str]:
+    if navigator.stream.received == 0:
+        return 1, "no messages on imu/data_raw yet"
+    if navigator.stream.accepted == 0:
+        return 2, "every message on imu/data_raw was rejected: see the counts"
+    if silent_for >= SILENCE:
+        return 2, silence(silent_for)
+    recent = [report for report in events.recent(navigator.stamp_ns) if report.level != INFO]
+    if recent:
+        level = 2 if any(report.level == ERROR for report in recent) else 1
+        return level, f"{navigator.phase.value}; {recent[-1].text}"
+    return 0, navigator.phase.value

@@ -1,0 +1,472 @@
+"""Fine alignment and aided navigation: the feedback Kalman filter around the mechanization, some seconds late.
+
+`DelayedNavigator` aligns like `RealtimeNavigator` and then runs its own mechanization a fixed time behind the newest
+sample: by then every aid's message has come, whatever way it took, and stops are certain (`calibration`). Aids are
+taken in the order of their stamps, each at its own stamp; after each the solution is corrected and the estimate is zero
+again, the covariance stays ([1]_). The result does not depend on when messages came, as long as they were not later
+than that.
+
+What it finds leaves as `Correction`: a state of the past, which `RealtimeNavigator.follow` goes on from.
+
+At stops the mean velocity over each second is zero, and yaw runs off by the drift alone: measurements like others
+(`ins_nav.zupt.stationary_updates`).
+
+References
+----------
+.. [1] Vavilova, Golovan, Kozlov, Papusha, fine alignment of an AUV's INS on a rocking base.
+"""
+
+import heapq
+import math
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ins_nav.aiding import aids
+from ins_nav.aiding.aids import Aid, Observation, Record
+from ins_nav.aiding.range_search import RangeSearch, uncertain
+from ins_nav.alignment.coarse_alignment import Alignment
+from ins_nav.alignment.initial_position import Place
+from ins_nav.config.parameters import Value
+from ins_nav.config.state_file import log_calibration
+from ins_nav.estimation import covariance_propagation
+from ins_nav.estimation.error_filter import ErrorFilter
+from ins_nav.estimation.error_model import POSITION, SIZE
+from ins_nav.estimation.innovation_gate import GATE, PATIENCE
+from ins_nav.estimation.observation import Measurement, Solution
+from ins_nav.event_log import INFO, WARN
+from ins_nav.mechanization import nav_state, strapdown
+from ins_nav.mechanization.attitude import rotate
+from ins_nav.mechanization.replay_buffer import LENGTH_NS
+from ins_nav.navigator.aid_intake import AidIntake
+from ins_nav.navigator.correction import Correction
+from ins_nav.navigator.realtime import Phase
+from ins_nav.stop_detection.detector import Change
+from ins_nav.zupt.calibration import SETTLE_NS
+from ins_nav.zupt.stationary_updates import StationaryUpdates
+from ins_nav.zupt.stop_records import Triple
+
+Array = NDArray[np.float64]
+
+_BATCH_NS = 100_000_000
+"""ns between two propagations of the covariance, and between two looks at what has become certain."""
+_EMIT_NS = 500_000_000
+"""ns between two feedbacks at least, where there is news; twice that where there is none."""
+_MISSED = 30.0
+"""s without an accepted message of an aid that are worth a warning."""
+_SAME_NS = 1_000_000_000
+"""ns by which two alignments may begin apart and be the same."""
+_TYPICAL_NOISE = (math.radians(0.1) / 60.0, 1e-3)
+"""rad/√s and m/s/√s: of a tactical IMU, where it could not be learnt at rest."""
+
+
+class DelayedNavigator(AidIntake):
+    """A navigator with the filter; ``state`` and ``settled_ns`` lag behind the samples.
+
+    Parameters
+    ----------
+    overrides : mapping
+        Parameters that differ from `ins_nav.config.parameters.PARAMETERS`.
+
+    Attributes
+    ----------
+    settled_ns : int
+        Stamp of ``state``.
+    filter : ErrorFilter or None
+        None until coarse alignment is done.
+    records : dict of name to Record
+        Of the aids and of stops.
+
+    Raises
+    ------
+    ParameterError
+    """
+
+    def __init__(self, overrides: Mapping[str, object] | None = None) -> None:
+        self.filter: ErrorFilter | None = None
+        super().__init__(overrides)
+        self._lag_ns = max(SETTLE_NS, round(self._number("aiding.max_delay") * 1e9))
+        self._apply_ns = round(self._number("aiding.feedback_time") * 1e9)
+        self._fine_stddev = math.radians(self._number("alignment.fine_heading_deg"))
+        self._fine_time = self._number("alignment.fine_duration")
+        self._until_aligned = bool(self.parameters["aiding.until_aligned"])
+        self._stops = StationaryUpdates(self.parameters, self.events)
+
+    def _begin(self) -> None:
+        self.filter = None
+        self._log_found: list[tuple[float, float]] = []
+        super()._begin()
+        self._out: list[Correction] = []
+        self._placed = False
+        self._recent: deque[tuple[int, strapdown.Sample]] = deque()
+
+    def _align(self) -> None:
+        super()._align()
+        if self.found_calibration:
+            self._log_found = self.own_states(aids.LOG)[:3]  # how it is mounted stays
+        self.filter = None
+        self.records: dict[str, Record] = {}
+        self._pending: deque[tuple[int, strapdown.Sample]] = deque()
+        self._filtered_ns = self._emitted_ns = self._first_ns = 0
+        self._taken_ns: dict[str, int] = {}
+        self._fine_before = 0.0
+        self._searches: dict[str, RangeSearch] = {}
+        self._news = False
+
+    def own_states(self, name: str) -> list[tuple[float, float]]:
+        """Value and sigma of the states that an aid has in the filter."""
+        aid = self._aids.get(name)
+        if self.filter is None or aid is None or not aid.states:
+            return []
+        return list(zip(self.filter.own(name).tolist(), self.filter.own_stddev(name).tolist(), strict=True))
+
+    @property
+    def found_calibration(self) -> dict[str, Value]:
+        """Parameters of the log, once it has had a say."""
+        log = self.records.get(aids.LOG) if self.filter is not None else None
+        return log_calibration(self.own_states(aids.LOG)) if log is not None and log.accepted else {}
+
+    def missed(self) -> list[str]:
+        """What has become of aids that have had nothing accepted for a while, but for GNSS that is silent."""
+        if self.filter is None or (self._until_aligned and self.phase is Phase.NAVIGATING):
+            return []
+        found = (self._missed(name, aid) for name, aid in self._aids.items())
+        return [f"{aids.topic(name)}: {text}" for name, text in zip(self._aids, found, strict=True) if text]
+
+    def _missed(self, name: str, aid: Aid) -> str:
+        record = self.records.get(name, Record())
+        taken_ns = record.last.stamp_ns if record.last is not None else 0
+        silent, out = ((self.settled_ns - max(ns, self._began_ns)) * 1e-9 for ns in (taken_ns, record.accepted_ns))
+        usual = max(_MISSED, 5.0 * record.interval)
+        may_be_silent = name.startswith(aids.GNSS) or isinstance(aid, aids.BeaconFix)
+        if silent > usual and name in self.heard and not may_be_silent:
+            return f"nothing usable for {silent:.0f} s"
+        if silent > usual and name not in self.heard and isinstance(aid, aids.Range):
+            return "never heard"
+        if record.last is not None and silent <= usual < out:
+            return f"{record.last.reason} for {out:.0f} s: check its sigma, lever arm and clock"
+        return ""
+
+    def call_zupt(self, stamp_ns: int) -> None:
+        """A ZUPT service was called at this stamp; what the stop shows is taken where the policy says so."""
+        if self.filter is not None:
+            self._stops.call(stamp_ns)
+
+    def _known(self) -> Array:
+        return super()._known() if self.filter is None else covariance_propagation.covariance_of(self.filter)
+
+    def drain(self) -> list[Correction]:
+        """Correction not yet taken, oldest first."""
+        out, self._out = self._out, []
+        return out
+
+    # --- what is done with it
+
+    def _navigate(self, alignment: Alignment, place: Place) -> None:
+        super()._navigate(alignment, place)
+        self._noise = alignment.gyro_noise, alignment.accel_noise
+        self._fine_before = self._duration
+        self._filter_from(self.accuracy.covariance, self.stamp_ns)
+        self._before = self._raw
+
+    def adopt(self, feedback: Correction, aligned_ns: int) -> bool:
+        """Go on from the solution of a navigator that aligned before this one began; whether that was taken.
+
+        Parameters
+        ----------
+        feedback : Correction
+            Its solution.
+        aligned_ns : int
+            Stamp at which its alignment ended.
+        """
+        began_ns = aligned_ns - round(self._duration * 1e9)
+        if self.filter is not None or began_ns > self._first_ns - _SAME_NS:
+            return False
+        recent = list(self._recent)
+        stamps = [stamp_ns for stamp_ns, _ in recent]
+        if feedback.stamp_ns not in stamps:
+            return False  # older than what is known here, or newer, or of a sample that was lost
+        now = stamps.index(feedback.stamp_ns)
+        self.state, self.gyro_bias, self.accel_bias = feedback.state, feedback.gyro_bias, feedback.accel_bias
+        self._placed = True  # before
+        where = nav_state.geodetic(self.state)
+        self.map = self.map or nav_state.MapFrame(where.lat, where.lon, where.height)
+        self.aligned_ns = aligned_ns
+        self.changes += 1
+        self._noise = _TYPICAL_NOISE
+        self._filter_from(feedback.covariance, feedback.stamp_ns)
+        if feedback.aligned:
+            self.phase = Phase.NAVIGATING
+        else:
+            self._fine_before = (aligned_ns - feedback.stamp_ns) * 1e-9
+        self._before = recent[now][1]
+        self._pending.extend(recent[now + 1 :])
+        self.events.report(INFO, "goes on from the solution of ins_node")
+        return True
+
+    def _filter_from(self, covariance: Array, stamp_ns: int) -> None:
+        """Start the filter at the present state; its covariance on n, shape (15, 15)."""
+        model = covariance_propagation.error_model(self.parameters, self._noise)
+        own = {name: aid.states for name, aid in self._aids.items() if aid.states}
+        if self._log_found and aids.LOG in own:
+            mounted = [
+                replace(state, value=value, stddev=stddev)
+                for state, (value, stddev) in zip(own[aids.LOG], self._log_found, strict=False)
+            ]
+            own[aids.LOG] = (*mounted, *own[aids.LOG][3:])
+        self.filter = covariance_propagation.filter_of(model, covariance, own)
+        self.phase = Phase.FINE
+        self._filtered = self.state
+        self.settled_ns = self._filtered_ns = self._emitted_ns = self._began_ns = stamp_ns
+        self._forget(stamp_ns)
+        self._recall()
+        detector = self.stops.detector
+        self._stops.begin(detector.since_ns if detector.stopped else None)
+
+    def _take(self, stamp_ns: int, from_imu: strapdown.Sample) -> bool:
+        self._first_ns = self._first_ns or stamp_ns
+        new = super()._take(stamp_ns, from_imu)
+        recent = self._recent
+        recent.append((stamp_ns, self._raw))
+        while recent[0][0] < stamp_ns - LENGTH_NS:
+            recent.popleft()
+        return new
+
+    def _advance(
+        self,
+        stamp_ns: int,
+        raw: strapdown.Sample,
+        previous: strapdown.Sample,
+        sample: strapdown.Sample,
+        change: Change | None,
+    ) -> bool:
+        """Keep the sample until it is settled; there is no solution of the present."""
+        if change is not None:
+            self._stops.notice(change)
+        self._pending.append((stamp_ns, raw))
+        if stamp_ns - self.settled_ns >= self._lag_ns + _BATCH_NS:
+            self._settle(stamp_ns - self._lag_ns)
+            self._emit()
+        return False
+
+    def _settle(self, until_ns: int) -> None:
+        pending, queue = self._pending, self._queue
+        while pending and pending[0][0] <= until_ns:
+            stamp_ns, raw = pending.popleft()
+            while queue and queue[0].stamp_ns <= stamp_ns:
+                self._take_aid(heapq.heappop(queue), raw)
+            assert self.state is not None
+            sample = self._without_bias(raw)
+            before = self._without_bias(self._before)
+            self.state = strapdown.step(self.state, before, sample, self._instantaneous, self._vertical)
+            self.settled_ns = stamp_ns
+            if self._is_long_gap(raw):
+                self._bridged(raw)
+            self._rest(raw)
+            self._before = raw
+        self._propagate()
+        self._watch()
+
+    def _bridged(self, raw: strapdown.Sample) -> None:
+        """What a gap may have hidden: as much as rates and forces change within its length at other times."""
+        assert self.filter is not None
+        self._propagate()
+        samples = np.array([sample for _, sample in self._recent])
+        whole = samples[samples[:, 0] <= self.stream.regular, 1:]
+        lag = min(max(1, round(raw[0] / float(np.median(samples[:, 0])))), len(whole) // 2)
+        changes = np.abs(np.vstack([whole[lag:] - whole[: len(whole) - lag], np.subtract(raw, self._before)[None, 1:]]))
+        turn, speed = (0.5 * raw[0] * float(changes[:, i : i + 3].max()) for i in (0, 3))
+        self.filter.disturb(turn, speed, raw[0] * speed)
+
+    def _propagate(self) -> None:
+        """Bring the covariance to the present state."""
+        if self.settled_ns > self._filtered_ns:
+            assert self.filter is not None and self.state is not None and self._filtered is not None
+            self.filter.propagate(self._filtered, self.state, (self.settled_ns - self._filtered_ns) * 1e-9)
+            self._filtered, self._filtered_ns = self.state, self.settled_ns
+
+    def _solution(self, state: nav_state.NavState, raw: strapdown.Sample) -> Solution:
+        assert self.filter is not None
+        return self.filter.solution(state, self._without_bias(raw)[1:4], self.gyro_bias)  # type: ignore[arg-type]
+
+    def _rate(self, after: float, raw: strapdown.Sample) -> Triple:
+        """Angular rate so long after the settled sample, s, of which ``raw`` is the next: means are of the middles."""
+        first, second, share = self._before, raw, after / raw[0]
+        if not self._instantaneous:
+            share += 0.5
+            if share > 1.0 and self._pending:
+                first, second, share = raw, self._pending[0][1], share - 1.0
+        x, y, z = (a + min(share, 1.0) * (b - a) for a, b in zip(first[1:4], second[1:4], strict=True))
+        gx, gy, gz = self.gyro_bias
+        return x - gx, y - gy, z - gz
+
+    def _take_aid(self, seen: Observation, raw: strapdown.Sample) -> None:
+        """An observation between the settled sample and the next."""
+        aid = self._aids[seen.aid]
+        if self._until_aligned and self.phase is Phase.NAVIGATING:
+            return
+        if self._taken_ns.get(seen.aid) == seen.stamp_ns:
+            text = f"{aids.topic(seen.aid)}: a stamp repeated, left out"
+            self.events.count(f"{seen.aid} repeated", INFO, text, seen.stamp_ns)
+            return
+        self._taken_ns[seen.aid] = seen.stamp_ns
+        assert self.filter is not None and self.state is not None
+        self._propagate()
+        after = (seen.stamp_ns - self.settled_ns) * 1e-9
+        state = self.state
+        if after > 0.0:
+            part = (after, *self._without_bias(raw)[1:])
+            state = strapdown.step(state, self._without_bias(self._before), part, self._instantaneous, self._vertical)
+        now_ns = max(seen.stamp_ns, self.settled_ns)
+        own = self.filter.own(seen.aid, aid.shares)
+        solution = self.filter.solution(state, self._rate(max(0.0, after), raw), self.gyro_bias, now_ns)  # type: ignore[arg-type]
+        ranged = isinstance(aid, aids.Range)
+        measurement = self._ranged(aid, solution, own, seen) if ranged else aid.measure(solution, own, seen)  # type: ignore[arg-type]
+        if measurement is not None:
+            self._update(seen.aid, now_ns, measurement, aid.settings.gate, self._patience(aid, seen))
+            self._placed = self._placed or (seen.aid == aids.GNSS and self.records[seen.aid].accepted > 0)
+
+    def _patience(self, aid: Aid, seen: Observation) -> float:
+        """How long an aid is not believed against the filter, s; for ever where it is likely the aid that is wrong."""
+        patience = aid.patience(seen)
+        if isinstance(aid, aids.Range) and self._placed:  # it is the beacon that is not where it says
+            return 0.0
+        if seen.aid == aids.LOG and patience > 0.0 and self.records.get(seen.aid, Record()).accepted:
+            return math.inf  # it has agreed before: it has lost the bottom
+        return patience
+
+    def _ranged(self, aid: aids.Range, solution: Solution, own: Array, seen: Observation) -> Measurement | None:
+        """What a range says; where position is hardly known, what it says together with others (`range_search`)."""
+        assert self.filter is not None
+        name, place = seen.aid, aid.place(own, seen)
+        if place is None:
+            text = f"{aids.topic(name)}: nobody knows where the beacon is: publish its fixes, or set its parameters"
+            self.events.count(f"{name} unusable", WARN, text, seen.stamp_ns)
+            return None
+        away, covariance = aid.meter.away(solution.state, place), solution.position_covariance
+        spread = aid.spread(solution, self.filter.own_covariance(aid.shares))
+        if not uncertain(covariance[:2, :2], away):
+            self._searches.pop(name, None)
+            if uncertain(spread[:2, :2], away):
+                text = f"{aids.topic(name)}: where the beacon is is known to {math.sqrt(spread.trace()):.0f} m only"
+                self.events.count(f"{name} unusable", INFO, text, seen.stamp_ns)
+                return None
+            return aid.measure(solution._replace(position_covariance=covariance + spread), own, seen)
+        covariance = (covariance + spread)[:2, :2]  # from the beacon to here
+        search = self._searches.setdefault(name, RangeSearch())
+        distance = seen.value[0]
+        scale, bias = self.filter.own_stddev(name).tolist()
+        common = (scale * distance) ** 2 + bias**2
+        search.add(away, distance, float(seen.covariance[0, 0]) + common, covariance)
+        found = search.settled(away)
+        if found is None:
+            sigma = math.sqrt(covariance.trace())
+            text = f"{aids.topic(name)}: position is known to {sigma:.0f} m only, {distance:.0f} m away: ranges are "
+            text += "gathered until they show one place: change course"
+            self.events.count(f"{name} gathered", INFO, text, seen.stamp_ns)
+            return None
+        del self._searches[name]
+        h: Array = np.eye(2, SIZE)
+        columns = aid.place_columns(solution, seen)
+        r = found[1] + common * np.eye(2)  # many ranges do not average that
+        return Measurement(-found[0], h, r, POSITION, None if columns is None else -columns[:2], aid.shares)
+
+    def _update(
+        self, name: str, stamp_ns: int, measurement: Measurement, gate: float = GATE, patience: float = PATIENCE
+    ) -> None:
+        assert self.filter is not None and self.state is not None
+        update = self.filter.update(name, stamp_ns, measurement, gate, patience)
+        self.records.setdefault(name, Record()).take(update)
+        if not update.accepted:
+            size = max(map(abs, update.innovation))
+            self.events.count(
+                f"{name} rejected",
+                INFO,
+                f"{aids.topic(name)}: {update.reason}: off by {size:.2f}, test ratio {update.test_ratio:.1f}",
+                stamp_ns,
+            )
+            return
+        if update.reason:
+            text = f"{aids.topic(name)}: accepted {update.reason} (test ratio {update.test_ratio:.1f}): "
+            if measurement.direct is not None:
+                text += "the solution was wrong by more than its sigma"
+            elif name.startswith(aids.BEACON):
+                text += "the beacon was elsewhere: is range.beacon_speed too small?"
+            else:
+                text += "its own error is another than before"
+            self.events.report(WARN, text)
+        before = self.state
+        self.state, gyro, accel = self.filter.feed_back(before, self.gyro_bias, self.accel_bias)  # type: ignore[arg-type]
+        self._filtered, self.gyro_bias, self.accel_bias = self.state, gyro, accel
+        self._news = True
+        self._stops.corrected(before, self.state)  # type: ignore[arg-type]
+        if self._searches:
+            x, y, z, w = self.state[7:11]
+            moved = np.subtract(nav_state.position_ecef(self.state), nav_state.position_ecef(before))  # type: ignore[arg-type]
+            east, north, _ = rotate((-x, -y, -z, w), *moved.tolist())
+            for search in self._searches.values():
+                search.moved(east, north)
+
+    def _rest(self, raw: strapdown.Sample) -> None:
+        """The settled sample, where it is one of a stop."""
+        assert self.filter is not None and self.state is not None
+        speed_stddev = math.sqrt(self.filter.p[3, 3] + self.filter.p[4, 4])
+        biases = self.gyro_bias, self.accel_bias
+        measured = self._stops.add(self.settled_ns, self._before, raw, self.state, biases, speed_stddev)  # type: ignore[arg-type]
+        for name, measure in measured:
+            self._propagate()
+            self._update(name, self.settled_ns, measure(self._solution(self.state, raw)))
+
+    # --- what goes out
+
+    def _watch(self) -> None:
+        """Fine alignment ends."""
+        if self.phase is not Phase.FINE or self.filter is None:
+            return
+        stddev, time = self.filter.heading_stddev, self.fine_time
+        if stddev > self._fine_stddev and time < self._fine_time:
+            return
+        self.phase = Phase.NAVIGATING
+        why = "its target" if stddev <= self._fine_stddev else f"alignment.fine_duration ({self._fine_time:g} s)"
+        self.events.report(
+            INFO, f"fine alignment ended after {time:.0f} s: heading sigma {math.degrees(stddev):.3f}°, {why} reached"
+        )
+        self._news = True
+
+    @property
+    def fine_time(self) -> float:
+        """Time since the first sample of alignment, or since it was taken up unfinished, s."""
+        return self._fine_before + (self.settled_ns - self.aligned_ns) * 1e-9
+
+    @property
+    def time_left(self) -> float:
+        """Time to the end of fine alignment, s, if sigma goes on falling with the power 3/2 of time."""
+        if self.phase is not Phase.FINE or self.filter is None:
+            return 0.0
+        left = self._fine_time - self.fine_time
+        if self._fine_stddev > 0.0:
+            ratio = max(1.0, self.filter.heading_stddev / self._fine_stddev)
+            left = min(left, self.fine_time * (ratio ** (2.0 / 3.0) - 1.0))
+        return max(0.0, left)
+
+    def _emit(self) -> None:
+        """Correction, where it is due."""
+        since = self.settled_ns - self._emitted_ns
+        if since < (_EMIT_NS if self._news else 2 * _EMIT_NS):
+            return
+        assert self.filter is not None and self.state is not None
+        self._emitted_ns, self._news = self.settled_ns, False
+        self._out.append(
+            Correction(
+                self.settled_ns,
+                self.stamp_ns + self._apply_ns,
+                self.state,
+                self.gyro_bias,  # type: ignore[arg-type]
+                self.accel_bias,  # type: ignore[arg-type]
+                self._known(),
+                self.phase is Phase.NAVIGATING,
+            )
+        )

@@ -1,0 +1,500 @@
+"""Stops, found in the IMU's stream alone.
+
+A base at rest is still in two ways, and both are asked for:
+
+- *It does not shake.* Rate and specific force over a window of 1 s are tested against their mean: the generalized
+  likelihood ratio of [1]_, with the noise of the IMU (learnt at rest, or given) and what an idling engine adds.
+  Gyros are tested against what they show at rest: a slow even turn is motion.
+- *It does not travel.* An even creep cannot be felt, its beginning can: the velocity since the last rest is dead
+  reckoned, with its covariance. Only a velocity and an acceleration that agree with zero make a stop. After some
+  minutes of driving the velocity says little, and the first test decides, unless this carrier has been seen to go
+  without shaking.
+
+A carrier that glides (a train, a ship, a robot on a smooth floor) is not asked whether it shakes, but what is likelier:
+that it stands, or that it glides on at a velocity like those seen in this drive, or a lower one. Its acceleration is
+held to be zero while the velocity goes straight on, which tells tilt and biases, so that the velocity stays known for
+minutes. The longer the stillness, the likelier a stop. When the velocity is no longer known to a fraction of
+that of the glides, stillness decides in the end, after some minutes: a stop that is never found does more harm then.
+
+A base that rocks without end (people in a car, swell) stands when its velocity over 10 s is that of tilt and biases
+but for a few cm/s, and it does not turn. A stop, once found, ends when the base
+
+- travels: rocking is none as long as the velocity stays under ``max_speed``;
+- is turned where it stands: yaw leaves its mean over 20 s by 5° and what drift may do, or the base is still, tilted by
+  5° since it was still before. Swaying and rocking by as much is no turn;
+- or after a gap in the stream of more than 1 s.
+
+What cannot be told: a recording that starts in even motion, without shaking, looks like rest; so does, after faster
+glides, one at less than twice the standard deviation of the velocity; and with a MEMS sensor a start so gentle that its
+acceleration grows like the error of a tilt by the gyro bias.
+
+What is learnt at a stop is what rest alone can show: that there is no velocity, and no yaw on the whole. A mean rate of
+some seconds is no gyro bias, slow rocking looks the same. When velocity runs away all the same, all is forgotten.
+
+Samples are summed over blocks of 0.1 s, so that vibration of tens of Hz averages out; all tests are made once a block.
+
+References
+----------
+.. [1] I. Skog, P. Händel, J.-O. Nilsson, J. Rantakokko, "Zero-velocity detection: an algorithm evaluation", IEEE
+       Transactions on Biomedical Engineering, 2010, vol. 57, no. 11.
+"""
+
+import cmath
+import copy
+import math
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from ins_nav.config.parameters import Value
+from ins_nav.mechanization.strapdown import Sample
+from ins_nav.stop_detection.gliding import Glides
+from ins_nav.stop_detection.turn_monitor import TurnMonitor
+from ins_nav.stop_detection.velocity_filter import BLOCK, LONG_BLOCK, VelocityFilter
+
+_MICRO_G = 9.80665e-6
+_LONGEST_GAP = 1.0
+"""s: over a longer gap a stop is not certain any more. A car gains 3 m/s in it."""
+_HISTORY = 100
+"""Blocks of velocity kept to find when a stop began."""
+_START_SPEED = 0.05
+"""m/s: the stop began when the speed fell below this."""
+_REST_SPEED = 0.01
+"""m/s: sway of a base that passes the first test (0.02 m/s² at 1 Hz is a third of it)."""
+_LOOK_BACK = 3.0
+"""s before the still time in which a stop's beginning is sought."""
+_SWAY = 0.15
+"""Of max_speed: a base that sways from the first stands when its velocity varies by less over 10 s, RMS, apart from
+the parabola that tilt and gyro biases make of it."""
+_SWAY_EVERY = 500_000_000
+"""ns between two looks for that."""
+_ROLL = 1.0
+"""m/s: whoever rolls faster shakes."""
+_GLIDES = 0.1
+"""Share of the time surely spent moving: a carrier that is still for more of it is a smooth one (a ship, a train)."""
+_GLIDE_TIME = 30.0
+"""s: a stillness of so long is half as likely for a glide as for a stop."""
+_ODDS = 20.0
+"""A stop is so many times likelier than a glide."""
+_EVEN_BLOCKS = 40
+"""Blocks over which a glide must be even."""
+_STRAIGHT = 0.01
+"""m/s: velocity goes by a straight line when it is nowhere off by more."""
+_CERTAIN = 5.0
+"""s: a shorter stop may have been an even roll, if the velocity was not well known when it began."""
+_DOUBTED_TILT = 0.01
+"""rad: and its end may have been taken for a tilt, 0.2 m/s gained in 2 s."""
+_ARRIVAL_ALARM = 0.05
+"""Probability to wait for more: the standard deviation grows with time, a creep that is taken for a stop does harm."""
+_EPOCHS = 10
+"""Windows of a stop that can be taken back when it ends: a slow start looks like rest at first."""
+_TURN_EPOCHS = 40
+"""Windows that can be taken back after a turn, which shows later than travel does."""
+_TURN_GOES_ON = math.radians(0.1)
+"""Who has turned by more in 10 s may be ending a turn gently."""
+_EPOCH_MARGIN = 1_000_000_000
+"""ns before the estimated start that are taken back too, and as long again as the start was not noticed."""
+_SMOOTHING = 0.02
+"""Share of a new variance in the mean over 5 s."""
+_LEAST = 2.0
+"""The least of many such means is about half of the variance."""
+_FORGETTING = 1.001
+"""Growth of the least variance a block: a sensor that has become noisier is known in minutes."""
+_NOISE_FLOOR = 0.005
+"""Of sway and vibration: no base is quieter."""
+
+
+_Place = tuple[int, float, float, float, float, float, float]
+"""Stamp; mean over the block that ends there of the horizontal velocity (2) and of the integral (3); yaw."""
+_Epoch = tuple[int, VelocityFilter, list[tuple[int, Any]]]
+"""Stamp, state then, and the stamped blocks since."""
+
+
+class Change(NamedTuple):
+    """A stop begins or ends.
+
+    Attributes
+    ----------
+    stopped : bool
+    stamp_ns : int
+        When it began or ended, as the data shows it: before the decision.
+    decided_ns : int
+        Stamp of the sample that brought the decision.
+    """
+
+    stopped: bool
+    stamp_ns: int
+    decided_ns: int
+
+
+@dataclass(frozen=True)
+class StopLimits:
+    """What is a stop.
+
+    Attributes
+    ----------
+    window : float
+        Length of the test window, s.
+    min_duration : float
+        A stop is one after so many still seconds.
+    max_speed : float
+        Mean over a window from which on the base travels, m/s.
+    vibration : float
+        Disturbance of specific force at rest, averaged over 0.1 s, standard deviation an axis, m/s².
+    sway : float
+        The same of angular rate, rad/s.
+    false_alarm : float
+        Probability that a window at rest fails a test.
+    gyro_noise : float
+        White noise, rad/√s; NaN: learnt at rest.
+    accel_noise : float
+        White noise, m/s/√s; NaN: learnt at rest.
+    """
+
+    window: float = 1.0
+    min_duration: float = 2.0
+    max_speed: float = 0.1
+    vibration: float = 0.02
+    sway: float = 1e-3
+    false_alarm: float = 1e-3
+    gyro_noise: float = math.nan
+    accel_noise: float = math.nan
+
+    @classmethod
+    def from_parameters(cls, values: Mapping[str, Value]) -> Self:
+        """From the values of the parameters ``stop.*``."""
+
+        def number(name: str) -> float:
+            return float(values[f"stop.{name}"])  # type: ignore[arg-type]
+
+        return cls(
+            window=number("window"),
+            min_duration=number("min_duration"),
+            max_speed=number("max_speed"),
+            vibration=number("vibration"),
+            sway=math.radians(number("sway_deg_per_s")),
+            false_alarm=number("false_alarm_probability"),
+            gyro_noise=math.radians(float(values["imu.gyro_noise_deg_per_sqrt_hour"])) / 60.0,  # type: ignore[arg-type]
+            accel_noise=float(values["imu.accel_noise_ug_per_sqrt_hz"]) * _MICRO_G,  # type: ignore[arg-type]
+        )
+
+
+class StopDetector:
+    """Takes checked samples, tells stops.
+
+    Parameters
+    ----------
+    limits : StopLimits
+
+    Attributes
+    ----------
+    stopped : bool
+    since_ns : int
+        Stamp at which the present stop began, or the present drive.
+    stamp_ns : int
+        Of the last sample.
+    shake : float
+        Statistic of the first test over its threshold: below 1 the base does not shake.
+    noise : 2 floats
+        Standard deviation of an axis over 0.1 s by the sensors, rad/s and m/s²: given or learnt; until then the
+        limits' sway and vibration.
+    """
+
+    def __init__(self, limits: StopLimits | None = None) -> None:
+        self.limits = limits or StopLimits()
+        alarm = self.limits.false_alarm
+        self._arrival_threshold = float(stats.chi2.isf(_ARRIVAL_ALARM, 4))
+        self._sigmas = math.sqrt(float(stats.chi2.isf(alarm, 2)))
+        self._size = round(self.limits.window / BLOCK)
+        self._shake_threshold = float(stats.chi2.isf(alarm, 6 * self._size - 3))
+        given = self.limits.gyro_noise / math.sqrt(BLOCK), self.limits.accel_noise / math.sqrt(BLOCK)
+        unknown = self.limits.sway, self.limits.vibration
+        self.noise = unknown[0] if math.isnan(given[0]) else given[0], unknown[1] if math.isnan(given[1]) else given[1]
+        self._least = [math.inf, math.inf]
+        self._variance: NDArray[np.float64] | None = None
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget everything but the IMU's noise: the stamps have jumped."""
+        self.stopped = False
+        self.since_ns = self.stamp_ns = 0
+        self._reckoning = VelocityFilter()
+        self._lose_track()
+
+    def _lose_track(self) -> None:
+        """After a gap nothing is known but the biases."""
+        self.shake = math.inf
+        self._reckoning.lose_track()
+        self._blocks: deque[tuple[float, ...]] = deque(maxlen=self._size + 1)
+        self._epochs: deque[_Epoch] = deque(maxlen=_TURN_EPOCHS)
+        self._track: deque[_Place] = deque(maxlen=_HISTORY)
+        self._turns = TurnMonitor()
+        self._still = self._sure = self._glided = 0
+        self._doubt = 0.0
+        self._glides = Glides()
+        self._next_sway_ns = self._due = 0
+        self._rest_of_block: tuple[float, ...] = (0.0, 0.0, 0.0)
+        self._clear_block()
+
+    def _clear_block(self) -> None:
+        self._time = self._tx = self._ty = self._tz = self._vx = self._vy = self._vz = 0.0
+        self._sx = self._sy = self._sz = 0.0
+
+    @property
+    def rest_ns(self) -> int:
+        """How long the present stop lasts, ns; 0 when there is none."""
+        return self.stamp_ns - self.since_ns if self.stopped else 0
+
+    @property
+    def speed(self) -> float:
+        """Horizontal, dead reckoned since the last stop, m/s."""
+        return math.hypot(*self._reckoning.velocity)
+
+    @property
+    def speed_stddev(self) -> float:
+        """m/s."""
+        return self._reckoning.speed_stddev
+
+    def add(self, stamp_ns: int, sample: Sample) -> Change | None:
+        """Take one sample, as `ins_nav.mechanization.imu_stream.ImuStream` gives it; says when a stop begins or ends.
+
+        Parameters
+        ----------
+        stamp_ns : int
+        sample : Sample
+        """
+        h, wx, wy, wz, fx, fy, fz = sample
+        if not 0.0 < h <= _LONGEST_GAP:
+            return self._gap(stamp_ns)
+        # turned back to the body at the block's start, to first order: a block turns by some hundredths of a radian
+        half = 0.5 * h
+        mx, my, mz = self._tx + half * wx, self._ty + half * wy, self._tz + half * wz
+        vx, vy, vz = self._vx, self._vy, self._vz
+        self._vx = vx + h * (fx + my * fz - mz * fy)
+        self._vy = vy + h * (fy + mz * fx - mx * fz)
+        self._vz = vz + h * (fz + mx * fy - my * fx)
+        self._sx += half * (vx + self._vx)
+        self._sy += half * (vy + self._vy)
+        self._sz += half * (vz + self._vz)
+        self._tx = mx + half * wx
+        self._ty = my + half * wy
+        self._tz = mz + half * wz
+        self._time += h
+        self.stamp_ns = stamp_ns
+        if self._time < BLOCK - half:
+            return None
+        return self._end_block()
+
+    def _gap(self, stamp_ns: int) -> Change | None:
+        last, was = self.stamp_ns, self.stopped
+        self.stopped = False
+        self.since_ns = self.stamp_ns = stamp_ns
+        self._lose_track()
+        return Change(False, last, stamp_ns) if was else None
+
+    def _end_block(self) -> Change | None:
+        time, turn, velocity = self._time, (self._tx, self._ty, self._tz), (self._vx, self._vy, self._vz)
+        mean = (self._sx / time, self._sy / time, self._sz / time)
+        self._clear_block()
+        reckoning = self._reckoning
+        gyro, accel = self.noise
+        # between the mean velocities of two blocks, not from end to end: engines are averaged twice
+        fx, fy, fz = ((b - a) / time for a, b in zip(self._rest_of_block, mean, strict=True))
+        self._rest_of_block = tuple(m - v for m, v in zip(mean, velocity, strict=True))
+        block = time, turn, velocity, mean, gyro, accel
+        reckoning.propagate(*block)
+        if reckoning.absurd:
+            self._reckoning = VelocityFilter()
+            return self._gap(self.stamp_ns)
+        if self._epochs:
+            self._epochs[-1][2].append((self.stamp_ns, block))
+        if time > LONG_BLOCK:
+            self._blocks.clear()
+            self._track.clear()
+            self._still = 0
+        self._track.append((self.stamp_ns, *reckoning.mean_velocity, *reckoning.mean_integral, reckoning.yaw))
+        self._turns.append(self.stamp_ns, reckoning)
+        self._blocks.append((turn[0] / time, turn[1] / time, turn[2] / time, fx, fy, fz))
+        if len(self._blocks) <= self._size:
+            return None
+        spread = self._test(gyro, accel)
+        return self._stay(spread) if self.stopped else self._arrive(accel)
+
+    def _test(self, gyro: float, accel: float) -> NDArray[np.float64]:
+        """The likelihood ratio over the window; its sums of squares about the means."""
+        n, limits = self._size, self.limits
+        blocks = np.array(self._blocks)[1:]
+        mean = blocks.sum(axis=0) / n
+        blocks -= mean
+        spread = (blocks * blocks).sum(axis=0)
+        rate2, force2 = gyro * gyro + limits.sway**2, accel * accel + limits.vibration**2
+        wx, wy, wz, fx, fy, fz = spread.tolist()
+        offset, variance = self._reckoning.rate_offset(mean[:3])
+        turning = float((offset * offset / (rate2 / n + variance)).sum())
+        self.shake = ((wx + wy + wz) / rate2 + (fx + fy + fz) / force2 + turning) / self._shake_threshold
+        self._still = self._still + 1 if self.shake < 1.0 else 0
+        return spread
+
+    def _arrive(self, accel: float) -> Change | None:
+        """While moving: has a stop begun?"""
+        reckoning, tracked = self._reckoning, len(self._track)
+        if self._may_glide():
+            return None
+        needed = max(self._size, round(self.limits.min_duration / BLOCK))
+        if self._still and self._size + self._still > needed and tracked >= self._size:
+            blocks, order, tolerance = min(needed, tracked), 1, _START_SPEED
+        elif not self._still and tracked == _HISTORY and self.stamp_ns >= self._next_sway_ns:
+            self._next_sway_ns = self.stamp_ns + _SWAY_EVERY
+            blocks, order, tolerance = _HISTORY, 2, _SWAY * self.limits.max_speed
+        else:
+            return None
+        track = np.array(self._track)[-blocks:]
+        age, velocity, yaw = (track[:, 0] - self.stamp_ns) * 1e-9, track[:, 3:6], track[:, 6]
+        if abs(yaw[-1] - yaw[0]) > self._sigmas * reckoning.yaw_rate_stddev(self.limits.sway) * -age[0]:
+            return None
+        basis = np.vander(age, order + 1, increasing=True)
+        trend = np.linalg.lstsq(basis, velocity, rcond=None)[0]
+        residual2 = ((velocity - basis @ trend) ** 2).sum(axis=1)
+        if residual2.mean() > tolerance**2 or residual2.max() > 9.0 * tolerance**2:
+            return None
+        noise = _REST_SPEED**2, (accel**2 + self.limits.vibration**2) / self._size
+        if reckoning.rest_distance(trend[1, :2], *noise) > self._arrival_threshold:
+            return None
+        began = self._began(blocks, trend[:, :2])
+        if abs(self._track[-1][6] - self._track[0][6]) > _TURN_GOES_ON:
+            if self._still and self._turns.ends_gently(self._size, self._sigmas):
+                return None
+            began = self._turns.turn_ended(began)
+        self.stopped = True
+        self.since_ns = max(began, self.since_ns)
+        self._doubt = min(reckoning.speed_stddev, _ROLL)
+        self._sure = self._glided = self._due = 0
+        self._glides.velocities.clear()
+        reckoning.rest(_REST_SPEED)
+        self._turns.stand(reckoning)
+        self._track.clear()  # velocities before this correction are no measure of those after it
+        return Change(True, self.since_ns, self.stamp_ns)
+
+    def _may_glide(self) -> bool:
+        """Whether stillness says little: this drive has been without shaking before, and may be so now."""
+        reckoning = self._reckoning
+        speed, stddev = reckoning.speed, reckoning.speed_stddev
+        along = complex(*reckoning.velocity) * cmath.exp(-1j * reckoning.yaw)  # carriers mostly go where they point
+        sure = speed > self._sigmas * stddev + self.limits.max_speed
+        self._sure += sure
+        self._glided += sure and self._still > self._size
+        if self._glided <= _GLIDES * self._sure:
+            return False
+        if self._still and (self._still + self._size) % _EVEN_BLOCKS == 0 and self._coasts() and sure:
+            self._glides.velocities.append(along)
+        if not self._glides.velocities:
+            return False
+        odds = self._glides.odds_of_rest(along, stddev**2 + _REST_SPEED**2)
+        return odds * (1.0 + self._still * BLOCK / _GLIDE_TIME) < _ODDS
+
+    def _coasts(self) -> bool:
+        """Whether the velocity goes straight on, without acceleration: then this is learnt."""
+        if len(self._track) <= _EVEN_BLOCKS:
+            return False
+        track = np.array(list(self._track)[-_EVEN_BLOCKS - 1 :])
+        age, velocity = (track[:, 0] - self.stamp_ns) * 1e-9, track[:, 3:5]
+        basis = np.vander(age, 2, increasing=True)
+        trend = np.linalg.lstsq(basis, velocity, rcond=None)[0]
+        if np.abs(velocity - basis @ trend).max() > _STRAIGHT:
+            return False
+        noise = self._glides.unevenness(self._reckoning.speed)
+        return self._reckoning.coast(trend[1], noise, self._sigmas**2)
+
+    def _began(self, blocks: int, trend: NDArray[np.float64]) -> int:
+        """When the speed fell to zero, given that the base stands since some blocks and what it seemed to do then."""
+        before = list(self._track)[-blocks - round(_LOOK_BACK / BLOCK) :]
+        age = np.array([place[0] - self.stamp_ns for place in before]) * 1e-9
+        off = np.array([place[3:5] for place in before]) - np.vander(age, len(trend), increasing=True) @ trend
+        moving = np.flatnonzero(np.hypot(*off.T) > _START_SPEED)
+        return before[min(int(moving[-1]) + 1, len(before) - 1) if len(moving) else 0][0]
+
+    def _stay(self, spread: NDArray[np.float64]) -> Change | None:
+        """While at a stop: has it ended? Otherwise learn from it."""
+        limits, reckoning = self.limits, self._reckoning
+        still = self.shake < 1.0
+        margin = self._sigmas * reckoning.speed_stddev
+        latest = [self._track[-i] for i in range(1, min(len(self._track), self._size) + 1)]
+        mean_speed = math.hypot(sum(v[1] for v in latest), sum(v[2] for v in latest)) / len(latest)
+        fast = mean_speed > limits.max_speed + margin or reckoning.speed > 2.0 * limits.max_speed + margin
+        if (self._turns.turned(reckoning, self._sigmas) or fast) and self._epochs:
+            return self._leave(fast)
+        if still:
+            self._learn(spread)
+        # a tilt has ended already: the velocity was held all the time, nothing is to be taken back
+        tilted_ns = self._turns.tilted(reckoning, self.since_ns) if self._still > 2 * self._size else 0
+        if tilted_ns:
+            self._track = deque(list(self._track)[-2 * self._size :], _HISTORY)
+            return self._end(tilted_ns)
+        self._due -= 1
+        if self._due <= 0:
+            self._due = self._size
+            self._epochs.append((self.stamp_ns, copy.copy(reckoning), []))
+            self._turns.learn(reckoning, self._size, limits.sway)
+        reckoning.rest(_REST_SPEED * max(0.1, math.sqrt(self.shake)) if still else limits.max_speed)
+        return None
+
+    def _leave(self, travels: bool) -> Change:
+        """The stop is over, and was for a while: take back what was learnt from it since it seems to have ended."""
+        turns = self._turns.turn_began(self._reckoning, self.since_ns)
+        epochs, ended, least = list(self._epochs), turns, 0
+        if travels:
+            # of a short stop half is kept in any case: taken back as a whole it would teach nothing
+            least = 0 if len(epochs) >= _EPOCHS else len(epochs) // 2
+            epochs = epochs[-_EPOCHS:]
+            ended = min(turns, self._again(epochs)[2])
+        start = ended - (self.stamp_ns - ended) - _EPOCH_MARGIN
+        last = max((i for i, epoch in enumerate(epochs) if epoch[0] <= start), default=0)
+        reckoning, track, stood = self._again(epochs[max(last, least) :])
+        if travels:
+            ended = min(turns, stood)
+        if self.stamp_ns - self.since_ns < _CERTAIN * 1e9:
+            reckoning.doubt_velocity(self._doubt)
+            reckoning.doubt_tilt(_DOUBTED_TILT)
+        self._reckoning = reckoning
+        self._track.clear()
+        self._track.extend(track)
+        self._still = 0
+        return self._end(ended)
+
+    def _end(self, ended: int) -> Change:
+        self._epochs.clear()
+        self.stopped = False
+        self.since_ns = ended
+        return Change(False, ended, self.stamp_ns)
+
+    def _again(self, epochs: list[_Epoch]) -> tuple[VelocityFilter, list[_Place], int]:
+        """Dead reckoning from the first of the epochs to now, its track, and when the base was last seen to stand."""
+        reckoning = copy.copy(epochs[0][1])
+        track, ended = [], epochs[0][0]
+        for stamp, block in (block for epoch in epochs for block in epoch[2]):
+            reckoning.propagate(*block)
+            track.append((stamp, *reckoning.mean_velocity, *reckoning.mean_integral, reckoning.yaw))
+            if math.hypot(*reckoning.mean_velocity) < _START_SPEED:
+                ended = stamp
+        return reckoning, track, ended
+
+    def _learn(self, spread: NDArray[np.float64]) -> None:
+        """Noise from the quietest axis and time at rest: engines and people only add."""
+        variance = spread / (self._size - 1)
+        self._variance = (
+            variance if self._variance is None else self._variance + _SMOOTHING * (variance - self._variance)
+        )
+        smooth = self._variance.tolist()
+        limits = self.limits
+        noise = list(self.noise)
+        for i, (given, floor) in enumerate(((limits.gyro_noise, limits.sway), (limits.accel_noise, limits.vibration))):
+            if math.isnan(given):
+                least = min(_LEAST * min(smooth[3 * i : 3 * i + 3]), self._least[i] * _FORGETTING)
+                self._least[i] = least
+                noise[i] = max(math.sqrt(least), _NOISE_FLOOR * floor)
+        self.noise = noise[0], noise[1]

@@ -1,0 +1,84 @@
+"""Which calibration service to call at which stop, and when."""
+
+from collections.abc import Mapping
+from typing import Self
+
+from ins_nav.config.parameters import Value
+
+_NEVER = 2**63
+
+
+class ServiceSchedule:
+    """Calls ZUPT-1 until it has succeeded at two stops, and ZUPT-2 at every stop.
+
+    A call is made when the stop has lasted for the given time, and after a success when its length has doubled: the
+    residual rates get better with the length to the power 1.5; after a refusal when the given time has passed again
+    (there may have been no solution yet). ZUPT-1 is not repeated at a stop where it succeeded:
+    its second position must be another one; ZUPT-2 is what is repeated there. Where ZUPT-1 is refused, since there
+    was no turn, ZUPT-2 is called in its place at once. An answer is awaited before the next call.
+
+    Parameters
+    ----------
+    start_sequence : str
+        ``zupt1`` as above; ``zupt2``: that from the first stop on; ``none``: nothing at the first stop, then ZUPT-2;
+        ``never``: nothing.
+    zupt1_after, zupt2_after : float
+        Length of a stop at the first call, s.
+
+    Attributes
+    ----------
+    stop : int
+        Number of the present or last stop, from 1.
+    due_ns : int
+        Length of the present stop at which `take` has something to give.
+    """
+
+    def __init__(self, start_sequence: str, zupt1_after: float, zupt2_after: float) -> None:
+        self._sequence = start_sequence
+        self._after_ns = {"zupt1": round(zupt1_after * 1e9), "zupt2": round(zupt2_after * 1e9)}
+        self.restart()
+
+    @classmethod
+    def from_parameters(cls, values: Mapping[str, Value]) -> Self:
+        """From the values of the parameters ``stop_detector.*``."""
+        return cls(
+            str(values["stop_detector.start_sequence"]),
+            float(values["stop_detector.zupt1_after"]),  # type: ignore[arg-type]
+            float(values["stop_detector.zupt2_after"]),  # type: ignore[arg-type]
+        )
+
+    def restart(self) -> None:
+        """As before the first stop: the recording begins again."""
+        self.stop = 0
+        self.due_ns = _NEVER
+        self._positions = 0
+        self._service = ""
+        self._again = ""
+        self._next_ns = _NEVER
+
+    def arrive(self) -> None:
+        """A stop begins."""
+        self.stop += 1
+        self._service = "zupt1" if self._sequence == "zupt1" and self._positions < 2 else "zupt2"
+        self._again = self._service
+        skipped = self._sequence == "never" or (self._sequence == "none" and self.stop == 1)
+        self.due_ns = _NEVER if skipped else self._after_ns[self._service]
+
+    def take(self) -> str:
+        """The service to call now; nothing is due then until it has answered."""
+        self._next_ns, self.due_ns = self.due_ns, _NEVER
+        return self._service
+
+    def answered(self, service: str, stop: int, success: bool) -> None:
+        """The service called at that stop has answered."""
+        if service == "zupt1" and success:
+            self._positions += 1
+        if stop != self.stop:
+            return
+        if service == "zupt1" and not success:
+            self._service, self.due_ns = "zupt2", self._next_ns
+            return
+        if service == "zupt1":
+            self._again = "zupt2"
+        later = self._next_ns if success else self._after_ns[service]
+        self._service, self.due_ns = self._again, self._next_ns + later

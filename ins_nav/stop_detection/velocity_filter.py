@@ -1,0 +1,294 @@
+"""Velocity and yaw since the last rest, dead reckoned from the IMU alone, and how far they can be trusted.
+
+A small error-state Kalman filter, made for one question: may the base be standing? It needs no position, latitude
+or heading, and takes blocks of some tens of samples. `Glides` says how likely it is that a base glides, `TurnMonitor`
+asks the attitude whether one that stands is turned.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ins_nav.mechanization.attitude import Quaternion, conjugate, from_rotation_vector, multiply, normalized, rotate
+
+Triple = tuple[float, float, float]
+BLOCK = 0.1
+"""s: ten means a second resolve a body's motion on its springs (1 to 2 Hz), and average an engine's."""
+LONG_BLOCK = 0.2
+"""s: in a longer block samples were lost."""
+_GRAVITY = 9.81
+_SPEED_PRIOR = 30.0
+"""m/s: standard deviation of the speed of what this detector rides on, before anything is known."""
+_SPEED_PRIOR_CORRELATION = 30.0
+"""s: the time over which that speed stays the same."""
+_TILT_PRIOR = 0.3
+"""rad: the first level is taken from a specific force that may be that of a curve."""
+_GYRO_BIAS_PRIOR = 5e-3
+"""rad/s, 1000 °/h."""
+_ACCEL_BIAS_PRIOR = 0.05
+"""m/s², 5 mg."""
+_EARTH_RATE_PRIOR = 5e-5
+"""rad/s: horizontal components of the Earth's rate, of unknown direction."""
+_ALLAN_MINIMUM = 100.0
+"""s: where the random walk of a bias overtakes the sensor's white noise (the usual minimum of Allan deviation)."""
+_SCALE_ERROR = 2e-3
+"""Scale factors and misalignments of MEMS sensors."""
+_LOST_ACCELERATION = 3.0
+"""m/s²: what lost samples may have held."""
+_GATE = 13.8
+"""Squared distance of 0.1 % of normal pairs."""
+_ABSURD_SPEED = 5.0 * _SPEED_PRIOR
+"""m/s: of no vehicle, but of a filter that is sure of a wrong gyro bias, after a minute or two."""
+_TILTED = math.sin(math.radians(15.0)) ** 2
+"""Yaw is counted from an attitude that is at most twice this angle away: near 180° it would be undefined."""
+_H_V: NDArray[np.float64] = np.eye(2, 12)
+_V, _TILT, _GYRO, _EARTH, _ACCEL = slice(0, 2), slice(2, 4), slice(4, 7), slice(7, 9), slice(9, 12)
+
+
+class VelocityFilter:
+    """Horizontal velocity by a small error-state Kalman filter on level axes that are free in azimuth.
+
+    States: velocity (2), tilt (2), gyro biases (3, body), the Earth's horizontal rate (2, level axes: it stays
+    where it is when the body turns), accelerometer biases (3, body). Arrays are replaced, never changed in place: a
+    shallow copy keeps the state.
+
+    Attributes
+    ----------
+    velocity : 2 floats
+        At the end of the last block, m/s.
+    mean_velocity : 2 floats
+        Over the last block, m/s.
+    mean_integral : 3 floats
+        The same of the integral of acceleration, to which no correction of the velocity is added, m/s: for changes.
+    yaw : float
+        Turn about the vertical since the start, rad. That of the attitude, not the integral of the rate about the
+        vertical, which grows with every circle of a base that rocks in roll and pitch.
+    measured_yaw : float
+        The same with what is known of gyro biases left in: a straight line at rest, rad.
+    """
+
+    def __init__(self) -> None:
+        self.velocity = (0.0, 0.0)
+        self.mean_velocity = (0.0, 0.0)
+        self.mean_integral = (0.0, 0.0, 0.0)
+        self.yaw = self.measured_yaw = 0.0
+        self._integral = (0.0, 0.0, 0.0)
+        self._q: Quaternion | None = None
+        self._reference: Quaternion = (0.0, 0.0, 0.0, 1.0)
+        self._reference_yaw = 0.0
+        self._gyro = np.zeros(3)
+        self._earth = np.zeros(2)
+        self._accel = np.zeros(3)
+        self._rotation = np.eye(3)
+        self._p = np.diag(
+            np.square(
+                [_SPEED_PRIOR] * 2
+                + [_TILT_PRIOR] * 2
+                + [_GYRO_BIAS_PRIOR] * 3
+                + [_EARTH_RATE_PRIOR] * 2
+                + [_ACCEL_BIAS_PRIOR] * 3
+            )
+        )
+
+    @property
+    def speed(self) -> float:
+        """Horizontal, m/s."""
+        return math.hypot(*self.velocity)
+
+    @property
+    def speed_stddev(self) -> float:
+        """Of the less certain component, m/s."""
+        return math.sqrt(max(self._p[0, 0], self._p[1, 1]))
+
+    @property
+    def absurd(self) -> bool:
+        """Whether the velocity says that what was learnt is wrong."""
+        return self.speed > _ABSURD_SPEED
+
+    @property
+    def up(self) -> Triple:
+        """The vertical on the body's axes, at the beginning of the last block."""
+        x, y, z = self._rotation[2].tolist()
+        return x, y, z
+
+    def yaw_rate_stddev(self, sway: float) -> float:
+        """Of the rate about the vertical at rest, rad/s."""
+        up = self._rotation[2]
+        return math.sqrt(float(up @ self._p[_GYRO, _GYRO] @ up) + _EARTH_RATE_PRIOR**2 + sway**2)
+
+    def lose_track(self) -> None:
+        """Velocity and attitude are unknown again."""
+        self.velocity = (0.0, 0.0)
+        self._q = None
+        self._p = self._p.copy()
+        self._p[:4, :] = self._p[:, :4] = 0.0
+        self._p[:4, :4] = np.diag(np.square([_SPEED_PRIOR] * 2 + [_TILT_PRIOR] * 2))
+
+    def doubt_velocity(self, stddev: float) -> None:
+        """Add an error of unknown direction, m/s."""
+        self._p = self._p + np.diag([stddev**2] * 2 + [0.0] * 10)
+
+    def doubt_tilt(self, stddev: float) -> None:
+        """Add an error of unknown direction, rad."""
+        self._p = self._p + np.diag([0.0] * 2 + [stddev**2] * 2 + [0.0] * 8)
+
+    def propagate(self, time: float, turn: Triple, velocity: Triple, mean: Triple, gyro: float, accel: float) -> None:
+        """Carry the state over a block.
+
+        Parameters
+        ----------
+        time : float
+            Its length, s.
+        turn, velocity : 3 floats
+            Integrals of rate, and of specific force on the body's axes at the block's start.
+        mean : 3 floats
+            Mean of the second as it grew.
+        gyro, accel : float
+            Standard deviation of the block's mean rate and specific force, rad/s and m/s².
+        """
+        if self._q is None:
+            self._q = self._reference = _level(*velocity)
+            self._reference_yaw = self.yaw
+        rotation = self._rotation = _matrix(self._q)
+        rate = self._gyro + rotation[:2].T @ self._earth
+        rx, ry, rz = rate.tolist()
+        bx, by, bz = self._accel.tolist()
+        dv = (velocity[0] - bx * time, velocity[1] - by * time, velocity[2] - bz * time)
+        dx, dy, dz = rotate(self._q, *dv)
+        if time > LONG_BLOCK:  # what the lost samples felt is lost too
+            self.doubt_velocity(time * _LOST_ACCELERATION)
+        mx, my, mz = rotate(self._q, mean[0] - 0.5 * bx * time, mean[1] - 0.5 * by * time, mean[2] - 0.5 * bz * time)
+        dz_level, mz_level = dz - _GRAVITY * time, mz - 0.5 * _GRAVITY * time
+        (vx, vy), (x, y, z) = self.velocity, self._integral
+        self.mean_velocity = vx + mx, vy + my
+        self.mean_integral = x + mx, y + my, z + mz_level
+        self.velocity = vx + dx, vy + dy
+        self._integral = x + dx, y + dy, z + dz_level
+        tx, ty, tz = turn[0] - rx * time, turn[1] - ry * time, turn[2] - rz * time
+        self._q = normalized(multiply(self._q, from_rotation_vector(tx, ty, tz)))
+        before = self.yaw
+        self._count_yaw()
+        ux, uy, uz = rotation[2].tolist()
+        self.measured_yaw += self.yaw - before + (ux * rx + uy * ry + uz * rz) * time
+        f = np.eye(12)
+        f[0, 3], f[1, 2] = dz, -dz
+        f[_V, _ACCEL] = f[_TILT, _GYRO] = -time * rotation[:2]
+        f[2, 7] = f[3, 8] = -time
+        p = f @ self._p @ f.T
+        scale2 = _SCALE_ERROR**2
+        qv, qt = (accel * time) ** 2, (gyro * time) ** 2
+        v = qv + scale2 * math.hypot(dx, dy)
+        t = qt + scale2 * math.sqrt(tx * tx + ty * ty + tz * tz)
+        b, a = qt / _ALLAN_MINIMUM**2, qv / _ALLAN_MINIMUM**2
+        p.flat[::13] += (v, v, t, t, b, b, b, 0.0, 0.0, a, a, a)
+        self._p = p
+        # whatever it is, it is not at 100 m/s: keeps the level bounded in a long drive
+        if p[0, 0] > _SPEED_PRIOR**2 or p[1, 1] > _SPEED_PRIOR**2:
+            self._update(_H_V, -np.array(self.velocity), _SPEED_PRIOR**2 * _SPEED_PRIOR_CORRELATION / time)
+
+    def _count_yaw(self) -> None:
+        """The part of the turn from the reference that is about the vertical, without jumps by 360°."""
+        assert self._q is not None
+        x, y, z, w = multiply(self._q, conjugate(self._reference))
+        self.yaw += math.remainder(self._reference_yaw + 2.0 * math.atan2(z, w) - self.yaw, 2.0 * math.pi)
+        if x * x + y * y > _TILTED:
+            self._reference, self._reference_yaw = self._q, self.yaw
+
+    def rate_offset(self, mean: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Mean rate over what is expected at rest, and the variance of that, rad/s."""
+        variance = self._p.diagonal()[_GYRO] + _EARTH_RATE_PRIOR**2
+        return mean - self._gyro - self._rotation[:2].T @ self._earth, variance
+
+    def rest_distance(self, acceleration: NDArray[np.float64], speed_noise2: float, accel_noise2: float) -> float:
+        """Squared Mahalanobis distance of velocity and mean acceleration, m/s², from zero."""
+        h = np.vstack([_H_V, self._acceleration_of()])
+        s = h @ self._p @ h.T
+        s.flat[::5] += [speed_noise2, speed_noise2, accel_noise2, accel_noise2]
+        z = np.array([*self.velocity, *acceleration])
+        return float(z @ np.linalg.solve(s, z))
+
+    def coast(self, acceleration: NDArray[np.float64], noise: float, gate: float) -> bool:
+        """The base goes on evenly, or stands: it has no acceleration but what tilt and biases feign.
+
+        Parameters
+        ----------
+        acceleration : ndarray, shape (2,)
+            Mean as reckoned, m/s².
+        noise : float
+            Standard deviation of the true one, m/s².
+        gate : float
+            Squared Mahalanobis distance from which on the acceleration is a true one, and nothing is done.
+
+        Returns
+        -------
+        bool
+            Whether it agrees with zero.
+        """
+        h = self._acceleration_of()
+        s = h @ self._p @ h.T
+        s.flat[::3] += noise**2
+        if float(acceleration @ np.linalg.solve(s, acceleration)) > gate:
+            return False
+        self._update(h, -acceleration, noise**2)
+        return True
+
+    def _acceleration_of(self) -> NDArray[np.float64]:
+        """What the states do to the reckoned acceleration, shape (2, 12)."""
+        h = np.zeros((2, 12))
+        h[0, 3], h[1, 2] = _GRAVITY, -_GRAVITY
+        h[:, _ACCEL] = -self._rotation[:2]
+        return h
+
+    def rest(self, speed_noise: float) -> None:
+        """The base stands: velocity is zero.
+
+        A velocity that contradicts this is left alone: it is jolted, or about to move.
+
+        A mean rate is not taken for that of the biases: the base may rock. Velocity says it of the horizontal axes.
+        """
+        vx, vy = self.velocity
+        limit = _GATE * (speed_noise**2 + max(self._p[0, 0], self._p[1, 1]))
+        if vx * vx + vy * vy < limit:
+            self._update(_H_V, np.array([-vx, -vy]), speed_noise**2)
+
+    def hold_yaw(self, rate: float, noise: float) -> None:
+        """The base stands: the mean rate of ``yaw``, rad/s, is that of the gyro biases."""
+        h = np.zeros((1, 12))
+        h[0, _GYRO] = self._rotation[2]
+        self._update(h, np.array([rate]), noise**2)
+
+    def _update(self, h: NDArray[np.float64], residual: NDArray[np.float64], variance: float) -> None:
+        assert self._q is not None
+        ph = self._p @ h.T
+        s = h @ ph
+        s.flat[:: len(s) + 1] += variance
+        gain = np.linalg.solve(s, ph.T).T
+        dx = gain @ residual
+        p = self._p - gain @ ph.T
+        self._p = 0.5 * (p + p.T)
+        vx, vy, px, py = dx[:4].tolist()
+        self.velocity = self.velocity[0] + vx, self.velocity[1] + vy
+        self._q = multiply(from_rotation_vector(px, py, 0.0), self._q)
+        self._gyro = self._gyro + dx[_GYRO]
+        self._earth = self._earth + dx[_EARTH]
+        self._accel = self._accel + dx[_ACCEL]
+
+
+def _level(x: float, y: float, z: float) -> Quaternion:
+    """Body to level axes, from what is taken for the direction up."""
+    norm = math.sqrt(x * x + y * y + z * z)
+    if z < -0.999 * norm:  # upside down: half a turn about x
+        return 1.0, 0.0, 0.0, 0.0
+    return normalized((y, -x, 0.0, norm + z))
+
+
+def _matrix(q: Quaternion) -> NDArray[np.float64]:
+    x, y, z, w = q
+    return np.array(
+        [
+            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
+            [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
+            [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
+        ]
+    )

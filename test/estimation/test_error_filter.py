@@ -1,0 +1,511 @@
+"""Filter: consistency against simulated truth, any initial heading, gate and recovery."""
+
+import copy
+import functools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from test_error_model import difference
+
+from ins_nav.aiding.measurements import GnssPosition, Log
+from ins_nav.estimation.error_filter import ErrorFilter
+from ins_nav.estimation.error_model import COSINE, HEADING, POSITION, SIZE, VELOCITY, Array, ErrorModel, SlowState
+from ins_nav.estimation.innovation_gate import AGREEING, PATIENCE
+from ins_nav.estimation.observation import Measurement, Update
+from ins_nav.mechanization import nav_state, strapdown
+from ins_nav.simulation.motion import Motion, Route, constant, sinusoid
+from ins_nav.simulation.trajectory import EarthMotion, Origin, Trajectory
+from ins_nav.zupt.measurements import ResidualRate, ZeroVelocity
+from ins_nav.zupt.zupt_equations import StopMeasurement
+
+ZERO = (0.0, 0.0, 0.0)
+GYRO_NOISE = math.radians(0.003) / 20.0
+"""rad/√s: 0.003 deg/s a sample at 400 Hz, the paper's."""
+ACCEL_NOISE = 0.02 / 20.0
+DEG_PER_HOUR = math.radians(1.0) / 3600.0
+RATE = 100.0
+
+
+@functools.cache
+def bench(surge: float = 0.0) -> Trajectory:
+    """The paper's: roll and pitch ±5°, 11 s, 5 min, 55.7°; and a surge by so many metres."""
+    motion = Motion(
+        300.0,
+        yaw=constant(0.9),
+        roll=sinusoid(math.radians(5.0), 11.0),
+        pitch=sinusoid(math.radians(5.0), 11.0, 0.7),
+        x=sinusoid(surge, 7.0),
+        y=sinusoid(0.7 * surge, 9.0, 1.0),
+    )
+    return EarthMotion(motion, Origin(math.radians(55.7), 0.6, 10.0)).trajectory(RATE)
+
+
+@functools.cache
+def drive() -> Trajectory:
+    """A car: stands for 10 s, then 200 s of accelerating, turning, braking."""
+    route = Route(0.7)
+    route.hold(10.0)
+    for speed, turn in [(10.0, 1.5), (10.0, -2.5), (4.0, 1.5), (14.0, 1.5), (14.0, -1.5), (0.0, 0.0)]:
+        route.reach(speed, 8.0)
+        route.hold(12.0)
+        route.turn(turn, 10.0)
+    motion = Motion(route.time, yaw=route.yaw, speed=route.speed, roll=sinusoid(0.01, 3.0), pitch=sinusoid(0.01, 4.0))
+    return EarthMotion(motion, Origin(0.97, 0.6, 10.0)).trajectory(RATE)
+
+
+@dataclass
+class Run:
+    """A filter on a simulated trajectory: samples with noise, propagation at 10 Hz, an update a second."""
+
+    path: Trajectory
+    model: ErrorModel
+    seed: int
+    stddev: tuple[float, float, float] = (1.0, 0.1, math.radians(0.05))
+    """Of the start: horizontal position, m, velocity, m/s, level, rad."""
+    heading_stddev: float = math.radians(5.0)
+    heading_error: float | None = None
+    """rad; drawn with its deviation when None."""
+    gyro_noise: float = GYRO_NOISE
+    accel_noise: float = ACCEL_NOISE
+    gyro_bias: Sequence[float] = ZERO
+    accel_bias: Sequence[float] = ZERO
+    aids: dict[str, Sequence[SlowState]] | None = None
+
+    def __post_init__(self) -> None:
+        rng = self.rng = np.random.default_rng(self.seed)
+        n = len(self.path.delta_theta)
+        noise = math.sqrt(RATE) * rng.standard_normal((n, 6))
+        rate = RATE * self.path.delta_theta + self.gyro_bias + self.gyro_noise * noise[:, :3]
+        force = RATE * self.path.delta_velocity + self.accel_bias + self.accel_noise * noise[:, 3:]
+        self.samples = np.c_[np.full(n, 1.0 / RATE), rate, force]
+        position, velocity, level = self.stddev
+        covariance = np.diag([level**2, level**2, self.heading_stddev**2])
+        self.filter = ErrorFilter(self.model, (position,) * 3, (velocity,) * 3, covariance, self.aids)
+        x = np.zeros(SIZE)
+        x[0:2], x[3:5], x[6:8] = (s * rng.standard_normal(2) for s in self.stddev)
+        gamma = self.heading_error
+        gamma = self.heading_stddev * rng.standard_normal() if gamma is None else gamma
+        x[HEADING], x[COSINE] = math.sin(gamma), math.cos(gamma) - 1.0
+        self.state = self.model.apply(-x, self.truth(0), ZERO, ZERO)[0]
+        self.bias = (ZERO, ZERO)
+        self.previous = tuple(self.samples[0])
+
+    def truth(self, second: int) -> nav_state.NavState:
+        p, i = self.path, second * round(RATE)
+        v = (*p.velocity_n[i, :2], p.velocity_n[i, 2] if self.model.vertical else 0.0)
+        return nav_state.initial_state(p.lat[i], p.lon[i], p.height[i], v, tuple(p.q_nb[i]))
+
+    def advance(self, second: int) -> None:
+        """Mechanization and propagation up to a second from the one before."""
+        per, step = round(RATE), 10
+        chunk = self.samples[(second - 1) * per : second * per] - [0.0, *self.bias[0], *self.bias[1]]
+        states = strapdown.integrate(self.state, self.previous, chunk, vertical=self.model.vertical)
+        self.previous = tuple(chunk[-1])
+        for i in range(step - 1, per, step):
+            after = tuple(states[i].tolist())
+            self.filter.propagate(self.state, after, step / RATE)
+            self.state = after
+
+    def gnss(self, second: int, stddev: float = 1.0, offset: Sequence[float] = (0.0, 0.0)) -> Update:
+        """A fix with noise and an offset, m east and north; fed back."""
+        i = second * round(RATE)
+        east, north = stddev * self.rng.standard_normal(2) + offset
+        lat, lon = self.path.lat[i], self.path.lon[i]
+        fix = (lat + north / 6.371e6, lon + east / (6.38e6 * math.cos(lat)), self.path.height[i])
+        solution = self.filter.solution(self.state, tuple(self.previous[1:4]), self.bias[0])
+        measurement = GnssPosition(horizontal=True).measure(solution, *fix, stddev**2 * np.eye(3))
+        update = self.filter.update("gnss", second * 10**9, measurement)
+        self.feed_back()
+        return update
+
+    def feed_back(self) -> None:
+        self.state, *self.bias = self.filter.feed_back(self.state, *self.bias)
+
+    def error(self, second: int) -> Array:
+        """The true errors."""
+        x = difference(self.state, self.truth(second))
+        x[9:15] = np.subtract(np.ravel(self.bias), [*self.gyro_bias, *self.accel_bias])
+        return x
+
+    def heading_error_now(self, second: int) -> float:
+        x = self.error(second)
+        return math.atan2(x[HEADING], 1.0 - x[COSINE])
+
+
+def standing(**changes: SlowState) -> ErrorModel:
+    return ErrorModel(vertical=False, gyro_noise=GYRO_NOISE, accel_noise=ACCEL_NOISE, **changes)
+
+
+def nees(run: Run, second: int, states: list[int]) -> float:
+    error = (run.error(second) - run.filter.x[:SIZE])[states]
+    return float(error @ np.linalg.solve(run.filter.p[np.ix_(states, states)], error))
+
+
+def test_paper_bench() -> None:
+    """Heading at the bound of theory after 300 s, and errors as large as the covariance says."""
+    errors, sizes = [], []
+    for seed in range(12):
+        run = Run(bench(), standing(), seed)
+        for second in range(1, 301):
+            run.advance(second)
+            run.gnss(second)
+        errors.append(math.degrees(run.heading_error_now(300)))
+        sizes.append(nees(run, 300, [0, 1, 3, 4, 6, 7, 8]))
+        assert math.degrees(run.filter.heading_stddev) == pytest.approx(0.31, abs=0.01)  # the bound
+    # 12 runs tell an RMS to 20 %, the mean of chi-square with 7 degrees to 1.08: 2.5 of each
+    assert np.sqrt(np.mean(np.square(errors))) < 0.31 * 1.5
+    assert abs(np.mean(sizes) - 7.0) < 2.7
+
+
+@pytest.mark.parametrize("surge", [0.0, 1.0])
+@pytest.mark.parametrize("heading_error_deg", [0.0, 90.0, 180.0])
+def test_any_initial_heading(heading_error_deg: float, surge: float) -> None:
+    """Told 100°; a base that rocks, and one that surges by 1 m as well (more than GNSS is wrong by)."""
+    for seed in range(2):
+        start = {"stddev": (1.0, 0.3, math.radians(0.3)), "heading_stddev": math.radians(100.0)}
+        run = Run(bench(surge), standing(), seed, heading_error=math.radians(heading_error_deg), **start)
+        for second in range(1, 251):
+            run.advance(second)
+            run.gnss(second)
+            sigma = run.filter.heading_stddev
+            if second % 50 == 0:
+                assert abs(run.heading_error_now(second)) < 4.5 * sigma  # and never sure of a wrong one
+        assert math.degrees(sigma) < (0.5 if surge == 0.0 else 1.0)
+
+
+@pytest.mark.parametrize("heading_error_deg", [0.0, 120.0, 180.0])
+def test_alignment_while_driving(heading_error_deg: float) -> None:
+    """Gyros of 20 deg/h feel nothing of the Earth: heading comes from driving off, whatever it was thought to be."""
+    biases = np.random.default_rng(5)
+    model = ErrorModel(
+        vertical=True,
+        gyro_noise=math.radians(0.3) / 60.0,
+        accel_noise=1.5e-3,
+        gyro_bias=SlowState(20.0 * DEG_PER_HOUR, DEG_PER_HOUR / 60.0),
+        accel_bias=SlowState(0.02),
+    )
+    run = Run(
+        drive(),
+        model,
+        1,
+        stddev=(1.0, 0.05, math.radians(0.3)),
+        heading_stddev=math.radians(100.0),
+        heading_error=math.radians(heading_error_deg),
+        gyro_noise=math.radians(0.3) / 60.0,
+        accel_noise=1.5e-3,
+        gyro_bias=20.0 * DEG_PER_HOUR * biases.standard_normal(3),
+        accel_bias=0.02 * biases.standard_normal(3),
+    )
+    for second in range(1, 101):
+        run.advance(second)
+        assert run.gnss(second).accepted
+        sigma = math.degrees(run.filter.heading_stddev)
+        if second == 9:
+            assert sigma > 100.0  # standing, it must not believe to know
+        if second == 20:
+            assert sigma < 5.0
+            assert abs(math.degrees(run.heading_error_now(20))) < 4.0 * sigma
+    assert abs(math.degrees(run.heading_error_now(100))) < 1.5  # 0.3° of sigma; a run of three sigma and more
+
+
+def test_consistent_with_all_states() -> None:
+    """15 states and the log's 3: squared errors over the covariance, driving, without vertical channel and with."""
+    sizes = []
+    for seed in range(8):
+        rng = np.random.default_rng(seed + 100)
+        vertical = seed % 2 == 0
+        model = ErrorModel(
+            vertical=vertical,
+            gyro_noise=2e-5,
+            accel_noise=1e-3,
+            gyro_bias=SlowState(5.0 * DEG_PER_HOUR),
+            accel_bias=SlowState(0.01),
+        )
+        log = Log(scale=SlowState(0.02), pitch=SlowState(0.02), yaw=SlowState(0.02))
+        run = Run(
+            drive(),
+            model,
+            seed,
+            stddev=(1.0, 0.05, math.radians(0.2)),
+            heading_stddev=math.radians(2.0),
+            gyro_noise=2e-5,
+            accel_noise=1e-3,
+            gyro_bias=5.0 * DEG_PER_HOUR * rng.standard_normal(3),
+            accel_bias=0.01 * rng.standard_normal(3),
+            aids={"log": log.states},
+        )
+        scale, a_y, a_z = true_own = 0.02 * rng.standard_normal(3)
+        for second in range(1, 181):
+            run.advance(second)
+            run.gnss(second)
+            x, y, z = nav_state.velocity_body(run.truth(second))
+            reads = np.array([(1 + scale) * x - a_z * y + a_y * z, (1 + scale) * y + a_z * x, math.nan])
+            reads[:2] += 0.05 * rng.standard_normal(2)
+            solution = run.filter.solution(run.state, tuple(run.previous[1:4]), run.bias[0])
+            measurement = log.measure(solution, run.filter.own("log"), tuple(reads), 0.0025 * np.eye(3))
+            assert measurement is not None
+            run.filter.update("log", second * 10**9, measurement)
+            run.feed_back()
+        states = [0, 1, 3, 4, *range(6, 15)]
+        error = np.r_[run.error(180)[states], (run.filter.own("log") - true_own)[[0, 2]]]
+        states += [SIZE, SIZE + 2]
+        sizes.append(error @ np.linalg.solve(run.filter.p[np.ix_(states, states)], error))
+        assert abs(run.filter.own("log")[0] - scale) < 0.003
+        assert abs(run.filter.own("log")[2] - a_z) < 0.005
+    # chi-square with 15 degrees, mean of 8: 1.9 of deviation; 2.5 of these
+    assert abs(np.mean(sizes) - 15.0) < 4.8
+
+
+def test_height_without_vertical_channel() -> None:
+    """Height is a random walk of its own: GNSS moves it, and nothing else; vertical velocity stays zero."""
+    model = ErrorModel(vertical=False, gyro_noise=GYRO_NOISE, accel_noise=ACCEL_NOISE, height_walk=0.1)
+    run = Run(bench(), model, 0)
+    for second in range(1, 61):
+        run.advance(second)
+        lat, lon, height = run.path.lat[second * 100], run.path.lon[second * 100], run.path.height[second * 100]
+        solution = run.filter.solution(run.state, ZERO, ZERO)
+        measurement = GnssPosition().measure(solution, lat, lon, height + 30.0, np.eye(3))
+        run.filter.update("gnss", second * 10**9, measurement, gate=1e-300)
+        run.feed_back()
+        assert run.state[6] == 0.0
+    assert run.state[11] == pytest.approx(40.0, abs=0.05)  # 0.9 to the 60th of 30 m
+    # steady state of a walk of 0.1 m/√s under 1 m at 1 Hz: P = q/2 + sqrt(q²/4 + q r), less r's share
+    assert run.filter.p[2, 2] == pytest.approx(0.095, abs=0.003)
+    assert run.filter.p[5, 5] == 0.0
+
+
+def lost(seed: int) -> Run:
+    """A solution 3 km off, at 4 m/s, whose filter believes in 1 m and 0.05 m/s."""
+    run = Run(bench(), standing(), seed, stddev=(1.0, 0.05, 1e-4), heading_stddev=math.radians(1.0))
+    run.state = nav_state.corrected(run.state, (2400.0, -1800.0, 0.0), (3.0, -2.5, 0.0))
+    return run
+
+
+@pytest.mark.parametrize("accepted_before", [True, False])
+def test_jump_after_dead_reckoning(accepted_before: bool) -> None:
+    """Accepted within 10 fixes, position and velocity right soon after, level and heading left alone."""
+    run = lost(0)
+    if accepted_before:  # an hour ago
+        right = Measurement(np.zeros(2), np.eye(2, SIZE), np.eye(2), POSITION)
+        assert run.filter.update("gnss", -3600 * 10**9, right).accepted
+    updates = []
+    for second in range(1, 61):
+        run.advance(second)
+        updates.append(run.gnss(second))
+    accepted = [u.accepted for u in updates]
+    assert accepted.index(True) == AGREEING - 1 < 10
+    assert updates[AGREEING - 1].reason and updates[AGREEING - 1].test_ratio > 1.0
+    assert all(accepted[AGREEING - 1 :])
+    x = run.error(60)
+    assert np.abs(x[:2]).max() < 3.0
+    assert np.abs(x[3:5]).max() < 0.5
+    assert np.abs(x[6:8]).max() < 1e-3  # 1e-4 at the start; 3 km over the radius of the Earth is 5e-4
+    assert abs(math.degrees(run.heading_error_now(60))) < 4.0
+
+
+def test_reflected_signals_stay_out() -> None:
+    """40 s of fixes 30 m off that agree with each other, after a minute of good ones."""
+    run = Run(bench(), standing(), 3)
+    for second in range(1, 151):
+        run.advance(second)
+        bad = 60 < second <= 100
+        update = run.gnss(second, offset=(30.0 + 0.1 * second, -20.0) if bad else (0.0, 0.0))
+        assert update.accepted != bad
+        assert update.reason == ("outside the gate" if bad else "")
+        assert np.abs(run.error(second)[:2]).max() < 5.0
+    assert PATIENCE > 40.0
+
+
+def test_lasting_jump_is_believed_after_patience() -> None:
+    run = Run(bench(), standing(), 3)
+    accepted = []
+    for second in range(1, 200):
+        run.advance(second)
+        accepted.append(run.gnss(second, offset=(50.0, 0.0) if second > 60 else (0.0, 0.0)).accepted)
+    assert accepted.index(False) == 60
+    assert accepted.index(True, 60) == 60 + PATIENCE - 1
+    assert all(accepted[round(60 + PATIENCE) - 1 :])
+
+
+def test_nonsense_is_never_believed() -> None:
+    """Fixes anywhere within 200 km, for 200 s: they do not agree, and none hits by chance."""
+    run = Run(bench(), standing(), 4)
+    for second in range(1, 201):
+        run.advance(second)
+        update = run.gnss(second, offset=run.rng.uniform(-200e3, 200e3, 2))
+        assert not update.accepted
+
+
+def test_status() -> None:
+    run = Run(bench(), standing(), 0)
+    h, r = np.eye(2, SIZE), 3.0 * np.eye(2)
+    update = run.filter.update("aid", 5, Measurement(np.array([1.0, -1.0]), h, r, POSITION))
+    assert (update.aid, update.stamp_ns, update.innovation, update.sigma) == ("aid", 5, (1.0, -1.0), (2.0, 2.0))
+    assert (update.accepted, update.reason) == (True, "")
+    # chi-square, 2 degrees: exp(-limit / 2) = gate
+    assert update.test_ratio == pytest.approx(0.5 / (-2.0 * math.log(1e-4)))
+    for bad in (math.nan, math.inf):
+        before = run.filter.x.copy(), run.filter.p.copy()
+        update = run.filter.update("aid", 6, Measurement(np.array([bad, 0.0]), h, r, POSITION))
+        assert (update.accepted, update.reason) == (False, "not a number")
+        np.testing.assert_equal((run.filter.x, run.filter.p), before)
+
+
+@pytest.mark.parametrize("gate", [0.05, 0.01])
+def test_gate_rejects_with_its_probability(gate: float) -> None:
+    run, rng = Run(bench(), standing(), 0), np.random.default_rng(0)
+    start, count, rejected = run.filter, 4000, 0
+    for _ in range(count):
+        measurement = Measurement(2.0 * rng.standard_normal(3), np.eye(3, SIZE), 3.0 * np.eye(3), POSITION)
+        rejected += not copy.copy(start).update("aid", 0, measurement, gate).accepted
+    assert rejected / count == pytest.approx(gate, abs=4.0 * math.sqrt(gate / count))
+
+
+def test_noise_that_is_larger_than_it_says() -> None:
+    """Fixes with three times their sigma: believed that, and none is lost for long; outliers do not count as noise."""
+    run, rng = Run(bench(), standing(), 3), np.random.default_rng(1)
+    factors, accepted = [], 0
+    for second in range(1, 201):
+        run.advance(second)
+        update = run.gnss(second, offset=tuple(rng.normal(0.0, 2.8, 2) + (100.0 if second % 5 == 0 else 0.0)))
+        factors.append(update.noise_factor)
+        accepted += update.accepted
+    assert 140 <= accepted <= 160  # four fifths of 200
+    # nine times the variance; the median of 41 is known to a third, and the filter's own part is in it
+    assert 4.0 < float(np.median(factors[50:])) < 14.0
+    run = Run(bench(), standing(), 3)
+    for second in range(1, 201):
+        run.advance(second)
+        assert run.gnss(second).noise_factor == 1.0
+
+
+def test_a_filter_that_leaves_is_brought_back() -> None:
+    """A solution that runs off faster than its sigma says: long before patience ends."""
+    run = Run(bench(), standing(), 3)
+    accepted = []
+    for second in range(1, 121):
+        run.advance(second)
+        off = 0.3 * max(0, second - 60) ** 1.5
+        accepted.append(run.gnss(second, offset=(off, 0.0)).accepted)
+    out = accepted.index(False)
+    assert 60 <= out < 90 and True in accepted[out : out + 45]
+
+
+@pytest.mark.parametrize("gamma", [0.3, 3.0])
+def test_feedback_takes_the_covariance_along(gamma: float) -> None:
+    """Draws of the true errors around an estimate; fed back, they spread as the covariance then says."""
+    rng = np.random.default_rng(0)
+    model = ErrorModel(vertical=True, gyro_noise=0.0, accel_noise=0.0)
+    flt = ErrorFilter(model, (3.0,) * 3, (0.1,) * 3, np.diag([1e-6, 4e-6, 1.0]))
+    root = rng.standard_normal((9, 9)) * np.array([[1.0] * 3 + [0.1] * 3 + [1e-3] * 2 + [0.05]]).T
+    p = np.zeros((SIZE, SIZE))
+    p[:9, :9] = root @ root.T
+    x = np.zeros(SIZE)
+    x[:8] = [1.0, 2.0, 3.0, 0.3, -0.2, 0.1, 1e-3, 2e-3]
+    along = np.array([math.cos(gamma), math.sin(gamma)])  # of (sine, cosine), for a change of the angle
+    to_states = np.eye(SIZE)
+    to_states[[HEADING, COSINE], HEADING] = along
+    p = to_states @ p @ to_states.T
+    x[HEADING], x[COSINE] = math.sin(gamma), 1.0 - math.cos(gamma)
+    flt.p, flt.x = p, x
+    computed = nav_state.initial_state(0.7, 0.2, 10.0, (5.0, 3.0, 0.0), (0.02, -0.05, 0.3, math.sqrt(0.9071)))
+    fed, *_ = flt.feed_back(computed, ZERO, ZERO)
+    found = []
+    for draw in rng.multivariate_normal(np.zeros(9), root @ root.T, 2000):
+        error = x.copy()
+        error[:8] += draw[:8]
+        error[HEADING], error[COSINE] = math.sin(gamma + draw[8]), 1.0 - math.cos(gamma + draw[8])
+        found.append(difference(fed, model.apply(error, computed, ZERO, ZERO)[0])[:9])
+    sigma = np.sqrt(np.diag(flt.p)[:9])
+    spread = np.cov(np.array(found).T) / np.outer(sigma, sigma)
+    # 2000 draws tell correlations to 0.03; heading's square, 0.15² / 2, adds a little
+    np.testing.assert_allclose(spread, flt.p[:9, :9] / np.outer(sigma, sigma), atol=0.1)
+
+
+def test_heading_opens_and_closes() -> None:
+    """Sine and cosine are states from 6° of heading error on, and one angle again below 3°."""
+    run = Run(bench(), standing(), 0, heading_stddev=math.radians(2.0))
+    assert run.filter.p[COSINE, COSINE] == 0.0
+    p = run.filter.p.copy()
+    p[HEADING, HEADING] = 1.0
+    run.filter.p = p
+    run.advance(1)
+    assert run.filter.x[COSINE] == pytest.approx(1.0 - math.exp(-0.5), rel=1e-6)
+    assert run.filter.p[COSINE, COSINE] > 0.1
+    assert run.filter.turn == pytest.approx(2.0 * run.filter.x[COSINE], rel=1e-6)  # E|1 - R|² of a unit vector
+    h = np.zeros((1, SIZE))
+    h[0, HEADING] = 1.0
+    run.filter.update("heading", 0, Measurement(np.array([0.0]), h, np.array([[1e-4]]), slice(HEADING, HEADING + 1)))
+    run.feed_back()
+    assert run.filter.p[COSINE, COSINE] == run.filter.x[COSINE] == 0.0
+    assert run.filter.heading_stddev == pytest.approx(0.01, rel=0.05)
+
+
+def test_covariance_stays_positive() -> None:
+    """From 1000 km to a millimetre in one update and back, hours of propagation, every aid's kind of row."""
+    rng = np.random.default_rng(1)
+    model = ErrorModel(
+        vertical=True, gyro_noise=1e-7, accel_noise=1e-6, gyro_bias=SlowState(1e-7), accel_bias=SlowState(1e-4, 1e-8)
+    )
+    flt = ErrorFilter(model, (1e6,) * 3, (1e3,) * 3, np.diag([1e-2, 1e-2, 3.0]), {"own": (SlowState(1.0),)})
+    state = nav_state.initial_state(0.7, 0.2, 10.0, (100.0, 30.0, 0.0), (0.02, -0.05, 0.3, math.sqrt(0.9071)))
+    for i in range(2000):
+        flt.propagate(state, state, 1.0)
+        size = int(rng.integers(1, 4))
+        h = np.zeros((size, SIZE))
+        block = rng.choice([POSITION, VELOCITY])
+        h[:, block] = rng.standard_normal((size, 3))
+        r = 1e-6 * np.eye(size)
+        own = rng.standard_normal((size, 1))
+        flt.update("own", i * 10**9, Measurement(np.zeros(size), h, r, block, own))
+        state, *_ = flt.feed_back(state, ZERO, ZERO)
+        assert (flt.p == flt.p.T).all()
+        sigma = np.sqrt(np.diag(flt.p))
+        used = sigma > 0.0
+        correlation = flt.p[np.ix_(used, used)] / np.outer(sigma[used], sigma[used])
+        # positive up to rounding in units of the deviations
+        assert np.linalg.eigvalsh(correlation).min() > -1e-9
+
+
+def test_biases_relax_to_where_they_started() -> None:
+    """Gauss-Markov: a correction fades with the correlation time; of a constant it stays."""
+    model = standing(gyro_bias=SlowState(1e-5, 1e-7, 20.0), accel_bias=SlowState(0.1))
+    own = (SlowState(1.0, 0.0, 20.0), SlowState(1.0))
+    flt = ErrorFilter(model, (1.0,) * 3, (0.1,) * 3, 1e-6 * np.eye(3), {"own": own})
+    state, gyro, accel = bench_state(), (1e-4, 0.0, 0.0), (0.5, 0.0, 0.0)
+    flt.x = flt.x.copy()
+    flt.x[[9, 12, 16, 17]] = [2e-5, 0.2, 0.3, 0.4]
+    state, gyro, accel = flt.feed_back(state, gyro, accel)
+    assert gyro[0] == pytest.approx(8e-5)
+    for _ in range(200):
+        flt.propagate(state, state, 0.1)
+        _, gyro, accel = flt.feed_back(state, gyro, accel)
+    assert gyro[0] == pytest.approx(1e-4 - 2e-5 * math.exp(-1.0), rel=1e-6)
+    assert accel[0] == pytest.approx(0.3)
+    np.testing.assert_allclose(flt.own("own"), [-0.3 * math.exp(-1.0), -0.4], rtol=1e-6)
+
+
+def bench_state() -> nav_state.NavState:
+    q = tuple(Rotation.from_euler("ZYX", [0.3, 0.05, -0.02]).as_quat())
+    return nav_state.initial_state(0.97, 0.6, 10.0, ZERO, q)
+
+
+def test_drift_from_a_stop_and_standing() -> None:
+    """Two aids without state of their own: biases known, velocity zero."""
+    model = standing(gyro_bias=SlowState(DEG_PER_HOUR))
+    run = Run(bench(), model, 0)
+    run.state = (*run.state[:4], 0.1, 0.05, 0.0, *run.state[7:])
+    drift = tuple(np.array([0.3, -0.2, 0.1]) * DEG_PER_HOUR)
+    stop = StopMeasurement(np.eye(3), np.array(drift), (0.01 * DEG_PER_HOUR) ** 2 * np.eye(3), 0.0, np.zeros(3))
+    for aid, measure in (
+        ("drift", lambda s: ResidualRate(vertical=False).measure(s, stop, ZERO)),
+        ("stop", lambda s: ZeroVelocity().measure(s, 0.001)),
+    ):
+        assert run.filter.update(aid, 0, measure(run.filter.solution(run.state, ZERO, run.bias[0]))).accepted
+        run.feed_back()
+    np.testing.assert_allclose(run.bias[0], drift, rtol=0.001)
+    assert np.abs(run.state[4:7]).max() < 1e-4

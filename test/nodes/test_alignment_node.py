@@ -1,0 +1,248 @@
+"""`alignment_node` and `ins_node` over real DDS, each in a process of its own, and both in `ins_system`."""
+
+import math
+import random
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from ros_harness import Listener, Process, Ros, needs_ros
+from scipy.spatial.transform import Rotation
+
+from ins_nav.cli.process import main as process
+from ins_nav.config.state_file import load
+from ins_nav.messages.stamps import stamp_of
+from ins_nav.recordings.bags import BagReader, BagWriter
+from ins_nav.simulation.recording import write_bag
+from ins_nav.simulation.scenarios import simulate
+
+pytestmark = needs_ros
+
+NS = 1_000_000_000
+ODOMETRY, IMU, FIX = "nav_msgs/msg/Odometry", "sensor_msgs/msg/Imu", "sensor_msgs/msg/NavSatFix"
+DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
+PARAMETERS = ("alignment.duration:=15.0", "alignment.fine_duration:=30.0")
+DIVE = Path(__file__).resolve().parents[2] / "config" / "auv.yaml"
+OUTPUTS = {"odometry": ODOMETRY, "/diagnostics": DIAGNOSTICS}
+
+
+@pytest.fixture(scope="module")
+def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """17 s standing, 33 s driving; 50 Hz; fixes once a second, logged 0.5 s late and then out of order."""
+    folder = tmp_path_factory.mktemp("drive")
+    write_bag(
+        simulate("vehicle", 2, duration=50.0, stand_time=17.0, rate=50.0, **{"truth.rate": 1.0}), folder / "plain"
+    )
+    late = random.Random(3)
+    with BagReader(folder / "plain") as reader:
+        messages = list(reader.messages(["/imu/data_raw", "/gnss/fix"]))
+        begin = messages[0].stamp_ns
+    moved = []
+    for raw in messages:
+        behind = 0.0
+        if raw.topic == "/gnss/fix" and raw.stamp_ns > begin + 2 * NS:  # the first gives the place
+            behind = 0.5 + late.uniform(0.0, 1.1)
+        moved.append((raw.stamp_ns + round(behind * 1e9), raw))
+    with BagWriter(folder / "late") as writer:
+        for stamp, raw in sorted(moved, key=lambda item: item[0]):
+            writer.write_raw(raw.topic, raw.msgtype, raw.data, stamp)
+    return folder / "late"
+
+
+@pytest.fixture(scope="module")
+def offline(drive: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[int, Any]:
+    """Odometry of `ins_process`; that of the recording in its own order is the same, bit for bit."""
+    folder = tmp_path_factory.mktemp("offline")
+    series = []
+    for bag in (drive, drive.with_name("plain")):
+        given = [part for text in PARAMETERS for part in ("--param", text)]
+        assert process([str(bag), "-o", str(folder / bag.name), *given]) == 0
+        with BagReader(folder / bag.name) as reader:
+            odometry = map(reader.deserialize, reader.messages(["/odometry"]))
+            series.append({stamp_of(message): message for message in odometry})
+    assert series[0].keys() == series[1].keys()
+    for stamp, message in series[0].items():
+        assert _numbers(message) == _numbers(series[1][stamp])
+    return series[0]
+
+
+def _numbers(message: Any) -> tuple[float, ...]:
+    p, q = message.pose.pose.position, message.pose.pose.orientation
+    return (p.x, p.y, p.z, q.x, q.y, q.z, q.w, *message.pose.covariance, *message.twist.covariance)
+
+
+def _start(ros: Ros, *names: str, **more: object) -> tuple[Listener, list[Process]]:
+    """Nodes, and a listener that hears them: discovery can take longer than a short bag."""
+    started = [_node(ros, name, **more) for name in names]
+    listener = ros.listen(OUTPUTS)
+    heard = ("/ins_node: navigation", "/alignment_node: alignment")
+    listener.wait_for(lambda: all(_status(listener, name) is not None for name in heard))
+    return listener, started
+
+
+def _node(ros: Ros, name: str, **more: object) -> Process:
+    given = (*PARAMETERS, *(f"{key}:={value}" for key, value in more.items()))
+    settings = [part for text in given for part in ("-p", text)]
+    return ros.start(f"ins_nav.nodes.{name}", "--ros-args", *settings)
+
+
+def _play(ros: Ros, bag: Path, rate: float) -> Process:
+    return ros.start("ins_nav.nodes.bag_player", bag, "--no-progress", "--rate", rate)
+
+
+def _status(listener: Listener, name: str) -> Any:
+    """The last of that name, or None."""
+    every = [status for item in listener.messages("/diagnostics") for status in item.message.status]
+    return next((status for status in reversed(every) if status.name == name), None)
+
+
+def _values(listener: Listener, name: str) -> dict[str, str]:
+    status = _status(listener, name)
+    return {item.key: item.value for item in status.values} if status else {}
+
+
+def _differences(listener: Listener, offline: dict[int, Any]) -> tuple[set[int], np.ndarray, np.ndarray]:
+    """Stamps, and how far live and offline are apart there, m and deg."""
+    live = {stamp_of(received.message): received.message for received in listener.messages("odometry")}
+    common = sorted(live.keys() & offline.keys())
+    away, turned = [], []
+    for stamp in common:
+        a, b = live[stamp].pose.pose, offline[stamp].pose.pose
+        away.append(math.dist(*((p.x, p.y, p.z) for p in (a.position, b.position))))
+        q, expected = (Rotation.from_quat([o.x, o.y, o.z, o.w]) for o in (a.orientation, b.orientation))
+        turned.append(math.degrees((q * expected.inv()).magnitude()))
+    return live.keys(), np.array(away), np.array(turned)
+
+
+@pytest.mark.parametrize("nodes", [("ins_node", "alignment_node"), ("ins_system",)])
+def test_live_equals_ins_process(nodes: tuple[str, ...], drive: Path, offline: dict[int, Any], tmp_path: Path) -> None:
+    """Fixes come late and out of order, on a DDS that is not in step with the samples."""
+    with Ros(tmp_path) as ros:
+        listener, started = _start(ros, *nodes, state_file=tmp_path / "state.yaml")
+        player = _play(ros, drive, 5.0)
+        listener.wait_for_count("odometry", len(offline), 60.0)
+        assert player.wait() == 0
+
+        def done() -> bool:
+            return _values(listener, "/alignment_node: alignment").get("imu/data_raw received") == "2500"
+
+        listener.wait_for(done)  # its last diagnostics
+        values = _values(listener, "/alignment_node: alignment")
+        said = "".join(process.stdout + process.stderr for process in started)
+        success, text = listener.call("ins_node/save")
+        assert success and text.startswith("imu.gyro_bias_deg_per_hour, imu.accel_bias_mg and the pose written to ")
+        kept, pose = load(tmp_path / "state.yaml")
+        assert kept.keys() == {"imu.gyro_bias_deg_per_hour", "imu.accel_bias_mg"} and pose.position_stddev < 5.0
+        # the service of one node is for both
+        success, text = listener.call("ins_node/align")
+        assert success and "alignment started" in text
+        for name in ("/ins_node: navigation", "/alignment_node: alignment"):
+            listener.wait_for(lambda name=name: _values(listener, name)["phase"] == "coarse")
+        for process in started:
+            assert process.stop() == 0
+        listener.stop()
+    stamps, away, turned = _differences(listener, offline)
+    print(f"{nodes}: {away.max():.1e} m, {turned.max():.1e} deg, {(away > 0).sum()} of {len(away)} differ")
+    assert stamps == offline.keys()  # every sample once, none lost
+    # what is asked; the same core on the same numbers: nothing at all, where no feedback came late
+    assert away.max() < 1e-3 and turned.max() < 1e-4
+    assert "fine alignment ended after 30 s" in said
+    assert values["phase"] == "navigating" and values["imu/data_raw used"] == "2500"
+    accepted, rejected = map(int, values["gnss: accepted, rejected"].split(", "))
+    assert accepted >= 30 and rejected <= 1
+    for name in ("position sigma", "height sigma", "velocity sigma", "level sigma", "heading sigma"):
+        assert float(values[name].split()[0]) > 0.0
+    assert 0.0 <= float(values["gnss: test ratio"]) < 1.0 and values["gnss: innovation"].count("±") == 3
+    assert float(values["gnss: last accepted"].removesuffix(" s ago")) < 2.0
+    assert not any("late" in key for key in values)
+
+
+def test_a_dive_at_ten_times_real_time_equals_ins_process(tmp_path: Path) -> None:
+    """All aids, wrong ranges, a log that loses the bottom, swell: the solution of coarse alignment takes its time."""
+    changes = {"alignment_time": 60.0, "turn_start": 35.0, "surface_leg": 20.0, "depth": 8.0, "dive_time": 80.0}
+    faults = {"log.lost_start": 115.0, "log.lost_duration": 10.0, "range.outlier_share": 0.2}
+    simulation = simulate("auv_dive", 1, **changes, **faults, surface_time=10.0, rate=50.0, **{"truth.rate": 1.0})
+    write_bag(simulation, tmp_path / "dive")
+    given = (
+        "--params-file",
+        str(DIVE),
+        "--param",
+        "alignment.duration:=30.0",
+        "--param",
+        "alignment.fine_duration:=60.0",
+    )
+    assert process([str(tmp_path / "dive"), "-o", str(tmp_path / "result"), *given]) == 0
+    with BagReader(tmp_path / "result") as reader:
+        odometry = map(reader.deserialize, reader.messages(["/odometry"]))
+        offline = {stamp_of(message): message for message in odometry}
+    with Ros(tmp_path) as ros:
+        settings = [part.replace("--param", "-p") if part == "--param" else part for part in given]
+        for name in ("ins_node", "alignment_node"):
+            ros.start(f"ins_nav.nodes.{name}", "--ros-args", *settings)
+        listener = ros.listen(OUTPUTS)
+        names = ("/ins_node: navigation", "/alignment_node: alignment")
+        listener.wait_for(lambda: all(_status(listener, name) is not None for name in names))
+        player = _play(ros, tmp_path / "dive", 10.0)
+        listener.wait_for_count("odometry", len(offline), 60.0)
+        assert player.wait() == 0
+        count = str(len(simulation.stamps_ns))
+        listener.wait_for(lambda: _values(listener, names[1]).get("imu/data_raw received") == count)
+        says = [_values(listener, name) for name in names]
+        listener.stop()
+    stamps, away, turned = _differences(listener, offline)
+    assert not any("late" in key for values in says for key in values), says
+    assert stamps == offline.keys() and away.max() < 1e-3 and turned.max() < 1e-4
+    # each fault by its name
+    assert says[1]["log unusable"] == "50" and int(says[1]["range/vessel rejected"]) >= 2
+
+
+def test_killed_and_started_again(drive: Path, offline: dict[int, Any], tmp_path: Path) -> None:
+    """Killed after 5 s of fine alignment: `ins_node` goes on without a gap.
+
+    The filter that comes back takes its solution, and corrects it again.
+    """
+    with Ros(tmp_path) as ros:
+        listener, (ins, filtering) = _start(ros, "ins_node", "alignment_node")
+        player = _play(ros, drive, 4.0)
+        listener.wait_for_count("odometry", 250, 60.0)
+        filtering.kill()
+        killed_ns = _last_stamp(listener)
+        again = _node(ros, "alignment_node")
+        again.wait_for_output("goes on from the solution of ins_node")
+        adopted_ns = _last_stamp(listener)
+        listener.wait_for_count("odometry", len(offline), 60.0)
+        assert player.wait() == 0
+        values = _values(listener, "/alignment_node: alignment")
+        assert ins.stop() == again.stop() == 0
+        listener.stop()
+    stamps = np.array([stamp_of(received.message) for received in listener.messages("odometry")])
+    assert len(stamps) == len(offline) and np.diff(stamps).max() == np.diff(stamps).min() == 20_000_000
+    # alone it gets less sure of its place, once the last feedback has taken effect; with feedback surer again
+    variance = {stamp_of(r.message): r.message.pose.covariance[0] for r in listener.messages("odometry")}
+    alone = [v for stamp, v in variance.items() if killed_ns + 3 * NS < stamp < adopted_ns]
+    after = [v for stamp, v in variance.items() if stamp > adopted_ns + 5 * NS]
+    assert (np.diff(alone) >= 0.0).all() and after[-1] < alone[-1]
+    accepted, rejected = map(int, values["gnss: accepted, rejected"].split(", "))
+    assert accepted >= 5 and rejected <= 1
+    _, away, _ = _differences(listener, offline)
+    # apart from what it navigated alone, it is where ins_process is, to the sigma of some fixes
+    assert away[-1] < 3.0
+
+
+def _last_stamp(listener: Listener) -> int:
+    return stamp_of(listener.messages("odometry")[-1].message)
+
+
+def test_parameter_errors_and_help(tmp_path: Path) -> None:
+    with Ros(tmp_path) as ros:
+        wrong = ros.start("ins_nav.nodes.alignment_node", "--ros-args", "-p", "gnss.default_stdev:=2.0")
+        asked = ros.start("ins_nav.nodes.alignment_node", "--help")
+        system = ros.start("ins_nav.nodes.ins_system", "--ros-args", "-p", "gnss.slow_time:=0.0")
+        assert wrong.wait() == 1
+        assert wrong.stderr.strip() == (
+            "alignment_node: unknown parameter gnss.default_stdev: did you mean gnss.default_stddev?"
+        )
+        assert asked.wait() == 0 and asked.stdout.startswith("usage: alignment_node [--ros-args")
+        assert system.wait() == 1
+        assert system.stderr.strip() == "ins_system: parameter gnss.slow_time: 0 is outside [1, 100000]"

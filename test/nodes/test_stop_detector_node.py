@@ -1,0 +1,162 @@
+"""`stop_detector_node` over real DDS, fed by `bag_player`, with services that stand in for those of `ins_node`."""
+
+import re
+from pathlib import Path
+
+import pytest
+from ros_harness import Listener, Process, Ros, needs_ros
+
+from ins_nav.simulation.recording import write_bag
+from ins_nav.simulation.scenarios import simulate
+from ins_nav.stop_detection.service_schedule import ServiceSchedule
+
+BOOL, DIAGNOSTICS = "std_msgs/msg/Bool", "diagnostic_msgs/msg/DiagnosticArray"
+SERVER = Path(__file__).parents[1] / "trigger_server.py"
+SOON = ("stop_detector.zupt1_after:=5", "stop_detector.zupt2_after:=5")
+
+
+@pytest.fixture(scope="module")
+def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """12 s standing, 87 s driving, 22 s standing, some driving; 50 Hz."""
+    path = tmp_path_factory.mktemp("drive") / "bag"
+    write_bag(simulate("vehicle", 2, duration=130.0, stand_time=12.0, rate=50.0, **{"truth.rate": 1.0}), path)
+    return path
+
+
+def node(ros: Ros, *parameters: str) -> Process:
+    settings = [part for parameter in parameters for part in ("-p", parameter)]
+    process = ros.start("ins_nav.nodes.stop_detector_node", "--ros-args", *settings)
+    process.wait_for_output("waiting for imu/data_raw")
+    return process
+
+
+def server(ros: Ros, *answers: str) -> Process:
+    process = ros.start(SERVER, *answers)
+    process.wait_for_output("^ready$")
+    return process
+
+
+def play(ros: Ros, bag: Path) -> None:
+    player = ros.start("ins_nav.nodes.bag_player", bag, "--no-progress", "--topics", "/imu/data_raw", "--rate", "12")
+    assert player.wait(60.0) == 0
+
+
+def said(process: Process) -> str:
+    return process.stdout + process.stderr
+
+
+def wait_for_services(ros: Ros, services: str) -> Listener:
+    """Wait until the node has discovered them; a listener to diagnostics."""
+    listener = ros.listen({"/diagnostics": DIAGNOSTICS})
+    listener.wait_for(lambda: values(listener).get("services") == services)
+    return listener
+
+
+def values(listener: Listener) -> dict[str, str]:
+    return listener.status("stop_detector_node")
+
+
+@needs_ros
+def test_stops_are_told_and_services_called(drive: Path, tmp_path: Path) -> None:
+    """At 5 s of each of the first two stops zupt1, then, of 13 s and of 22 s, zupt2 at 10 s and 20 s.
+
+    And never from a callback that waits for the answer.
+    """
+    with Ros(tmp_path) as ros:
+        listener = ros.listen({"stopped": BOOL}, latched=True)
+        services = server(ros, "ins_node/zupt1=drifts 1 2 3 deg/h", "ins_node/zupt2=drifts 4 5 6 deg/h")
+        detector = node(ros, *SOON)
+        diagnostics = wait_for_services(ros, "zupt1, zupt2")
+        listener.wait_for_count("stopped", 1)
+        play(ros, drive)
+        listener.wait_for_count("stopped", 5)
+        diagnostics.wait_for(lambda: "stopped" in values(diagnostics) and values(diagnostics)["stops"] == "2")
+        assert [received.message.data for received in listener.messages("stopped")] == [False, True, False, True, False]
+        detector.wait_for_output(r"zupt1 done: drifts 1 2 3 deg/h[^\0]*zupt1 done[^\0]*zupt2 done[^\0]*zupt2 done")
+        names = ["zupt1", "zupt2", "zupt1", "zupt2", "zupt2"]
+        assert re.findall("called ins_node/(.*)", services.stdout) == names
+        assert values(diagnostics)["imu/data_raw used"] == values(diagnostics)["imu/data_raw received"]
+        assert detector.stop() == 0
+        assert services.stop() == 0
+
+
+@needs_ros
+def test_refusals_are_logged_and_tried_again(drive: Path, tmp_path: Path) -> None:
+    """At 5 s and 10 s of the first stop, which lasts for 13 s, at 5, 10, 15 and 20 s of the second, of 22 s."""
+    with Ros(tmp_path) as ros:
+        services = server(ros, "ins_node/zupt2=no: the stop is too short")
+        detector = node(ros, "stop_detector.start_sequence:=zupt2", *SOON)
+        wait_for_services(ros, "zupt2")
+        play(ros, drive)
+        refusal = "zupt2 refused: no: the stop is too short"
+        detector.wait_for_output(rf"(?:{refusal}[^\0]*){{6}}")
+        assert services.stdout.count("called ins_node/zupt2") == 6
+        assert detector.stop() == 0
+
+
+@needs_ros
+def test_missing_service_is_told_once_and_tried_again(drive: Path, tmp_path: Path) -> None:
+    with Ros(tmp_path) as ros:
+        listener = ros.listen({"stopped": BOOL}, latched=True)
+        detector = node(ros, *SOON)
+        listener.wait_for_count("stopped", 1)
+        play(ros, drive)
+        listener.wait_for_count("stopped", 5)
+        missing = r"no service ins_node/zupt1: is ins_node running"
+        assert len(re.findall(missing, said(detector))) == 1
+        services = server(ros, "ins_node/zupt1=drifts 1 2 3 deg/h")
+        wait_for_services(ros, "zupt1")
+        play(ros, drive)  # the stamps jump back: everything begins again
+        detector.wait_for_output(r"stamps jumped by -\d+\.\d+ s \(back\): starting again[^\0]*zupt1 done")
+        listener.wait_for_count("stopped", 9)
+        assert len(re.findall(missing, said(detector))) == 1
+        services.terminate()
+        assert services.wait() == 0
+        assert detector.stop() == 0
+
+
+@needs_ros
+def test_parameter_errors_are_one_line(tmp_path: Path) -> None:
+    with Ros(tmp_path) as ros:
+        process = ros.start("ins_nav.nodes.stop_detector_node", "--ros-args", "-p", "stop.max_sped:=0.2")
+        assert process.wait() == 1
+        wanted = "stop_detector_node: unknown parameter stop.max_sped: did you mean stop.max_speed?"
+        assert [line for line in process.stderr.splitlines() if line] == [wanted]
+
+
+def calls(policy: ServiceSchedule, length: int, success: bool) -> list[tuple[str, int]]:
+    """Calls in a stop of so many seconds, each answered at once."""
+    made = []
+    policy.arrive()
+    for second in range(length):
+        while second * 10**9 >= policy.due_ns:
+            made.append((policy.take(), second))
+            policy.answered(made[-1][0], policy.stop, success)
+    return made
+
+
+def test_policy_start_sequence() -> None:
+    policy = ServiceSchedule("zupt1", 10.0, 20.0)
+    both = ("zupt1", "zupt2")
+    assert calls(policy, 45, False) == [(name, second) for second in (10, 30) for name in both]
+    assert calls(policy, 45, True) == [("zupt1", 10), ("zupt2", 20), ("zupt2", 40)]
+    assert calls(policy, 9, True) == []
+    assert calls(policy, 15, True) == [("zupt1", 10)]
+    assert calls(policy, 90, True) == [("zupt2", 20), ("zupt2", 40), ("zupt2", 80)]
+    policy.restart()
+    assert calls(policy, 15, True) == [("zupt1", 10)]
+    assert calls(ServiceSchedule("zupt2", 10.0, 20.0), 30, True) == [("zupt2", 20)]
+    none = ServiceSchedule("none", 10.0, 20.0)
+    assert calls(none, 100, True) == []
+    assert calls(none, 30, True) == [("zupt2", 20)]
+
+
+def test_policy_waits_for_the_answer() -> None:
+    policy = ServiceSchedule("zupt1", 10.0, 20.0)
+    policy.arrive()
+    first = policy.take()
+    assert policy.due_ns > 3600 * 10**9  # not before the answer
+    policy.arrive()
+    assert policy.due_ns == 10 * 10**9  # nor is a lost one waited for at the next stop
+    policy.answered(first, 1, False)  # late, of another stop: changes nothing
+    assert policy.due_ns == 10 * 10**9
