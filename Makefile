@@ -18,6 +18,7 @@ test: setup  ## lint, types, tests: ARGS="..." is handed on to pytest
 	@$(RUN) ruff check
 	@$(RUN) ruff format --check
 	@$(RUN) mypy
+	@$(RUN) lint-imports
 	@$(RUN) python -m pytest -n 2 --dist loadgroup $(ARGS)
 
 bench: setup  ## measure accuracy and speed: ARGS="..." is handed on

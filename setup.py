@@ -43,6 +43,7 @@ setup(
         "test": [
             "colcon-common-extensions>=0.3",
             "hypothesis>=6.80",
+            "import-linter>=2.0",
             "mypy>=1.10",
             "pyproj>=3.6",
             "pytest>=8.0",

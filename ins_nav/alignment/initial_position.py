@@ -1,15 +1,14 @@
 """Where alignment takes place: as parameters say, by a satellite fix, or as it was remembered."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from ins_nav.aiding.aids import GNSS, Settings
 from ins_nav.config.parameters import Value
 from ins_nav.config.state_file import Pose
-from ins_nav.estimation.error_model import Vector
+from ins_nav.estimation.error_model import Array, Vector
 from ins_nav.event_log import INFO, WARN, EventLog
 
 _HEIGHTS = -12e3, 1e5
@@ -50,11 +49,23 @@ class InitialPosition:
     last : Pose or None
         What is remembered of the last start.
     events : EventLog
+    fix_covariance : callable
+        Covariance to use, shape (3, 3), m², from that of a fix, its size, and the axes not measured.
+    lever_arm : 3 floats
+        From the IMU to the antenna, base_link's axes, m.
     """
 
-    def __init__(self, values: Mapping[str, Value], last: Pose | None, events: EventLog) -> None:
+    def __init__(
+        self,
+        values: Mapping[str, Value],
+        last: Pose | None,
+        events: EventLog,
+        fix_covariance: Callable[[Sequence[float], int, Sequence[int]], Array],
+        lever_arm: Vector,
+    ) -> None:
         self._values = values
-        self._settings = Settings.of(GNSS, values)
+        self._fix_covariance = fix_covariance
+        self._lever_arm = lever_arm
         self._last = last
         self._events = events
         self.begin()
@@ -103,13 +114,13 @@ class InitialPosition:
             return
         self._wanted = False
         missing = [] if math.isfinite(height) else [2]
-        east, north, up = np.sqrt(self._settings.covariance(covariance, 3, missing).diagonal()).tolist()
+        east, north, up = np.sqrt(self._fix_covariance(covariance, 3, missing).diagonal()).tolist()
         if missing:
             self._events.count("no height", WARN, "gnss/fix: altitude is not a number, taken as 0 m", stamp_ns)
             height, up = 0.0, _ANY_HEIGHT
         stddev = (max(east, north), max(east, north), up)
         lat, lon = math.radians(latitude_deg), math.radians(longitude_deg)
-        self._known = Place(lat, lon, height, stddev, self._settings.lever_arm)
+        self._known = Place(lat, lon, height, stddev, self._lever_arm)
 
     def found(self, stamp_ns: int) -> Place | None:
         """The place, at the end of alignment; None, and told, where nobody knows."""

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from ins_nav.aiding.aids import GNSS, Settings
 from ins_nav.alignment.coarse_alignment import Alignment, AlignmentError, CoarseAlignment
 from ins_nav.alignment.handover import after_alignment
 from ins_nav.alignment.initial_position import InitialPosition, Place
@@ -88,7 +89,8 @@ class RealtimeNavigator:
         self.events = EventLog()
         values, kept, last = state_file.take_up(checked_values(overrides or {}), self.events)
         self.parameters = values
-        self._place = InitialPosition(values, last, self.events)
+        gnss = Settings.of(GNSS, values)
+        self._place = InitialPosition(values, last, self.events, gnss.covariance, gnss.lever_arm)
         self.log_calibration = {name: value for name, value in kept.items() if name.startswith("log.")}
         self.stream = ImuStream(
             self.events,
