@@ -14,9 +14,10 @@ import numpy as np
 from ins_nav.aiding.beacon import Beacon
 from ins_nav.aiding.measurements import BeaconRange, Depth, GnssPosition, GnssVelocity, Log
 from ins_nav.config.parameters import Value, beacon_names
-from ins_nav.estimation.error_model import POSITION, Array, SlowState, Vector, rotation_matrix
+from ins_nav.estimation.error_model import Array, SlowState, Vector, rotation_matrix
 from ins_nav.estimation.innovation_gate import GATE, PATIENCE
 from ins_nav.estimation.observation import Measurement, Solution, Update
+from ins_nav.estimation.state_layout import POSITION
 from ins_nav.mechanization import nav_state
 from ins_nav.mechanization.attitude import rotate
 from ins_nav.mechanization.earth import normal_gravity

@@ -16,22 +16,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from ins_nav.estimation.error_model import (
-    ABSENT,
-    ATTITUDE,
-    COSINE,
-    GYRO_BIAS,
-    HEIGHT,
-    POSITION,
-    SIZE,
-    VELOCITY,
-    Array,
-    SlowState,
-    Vector,
-    azimuth,
-    rotation_matrix,
-)
+from ins_nav.estimation.error_model import ABSENT, Array, SlowState, Vector, azimuth, rotation_matrix
 from ins_nav.estimation.observation import Measurement, Solution
+from ins_nav.estimation.state_layout import ATTITUDE, COSINE, GYRO_BIAS, HEIGHT, POSITION, SIZE, VELOCITY
 from ins_nav.mechanization import nav_state
 from ins_nav.mechanization.attitude import rotate
 from ins_nav.mechanization.earth import geodetic_to_ecef

@@ -20,6 +20,7 @@ from scipy.spatial.transform import Rotation
 from ins_nav.alignment.gravity_cone import Blocks, GravityCone, cone_path
 from ins_nav.alignment.noise_model import TrendFit, TrendNoise, trend_basis
 from ins_nav.errors import InsNavError
+from ins_nav.estimation.state_layout import ATTITUDE, BIASES, SENSED, SOLUTION_SIZE
 from ins_nav.mechanization.attitude import Quaternion
 from ins_nav.mechanization.earth import RATE, normal_gravity
 from ins_nav.mechanization.strapdown import Sample
@@ -279,12 +280,12 @@ class CoarseAlignment:
         by_bias[0, 3:], by_bias[1, 3:] = -north / gravity, east / gravity
         by_bias[2] = np.concatenate([-east, up / gravity * east]) / rate
         told = np.diag([tilt**2, tilt**2, (self._gyro_bias_stddev**2 + (up * tilt) ** 2) / rate**2])
-        joint = np.zeros((9, 9))
-        joint[0:3, 0:3] = attitude - told + by_bias @ biases @ by_bias.T
-        joint[0:3, 3:9] = by_bias @ biases
-        joint[3:9, 0:3] = joint[0:3, 3:9].T
-        joint[3:9, 3:9] = biases
-        return joint
+        joint = np.zeros((SOLUTION_SIZE, SOLUTION_SIZE))
+        joint[ATTITUDE, ATTITUDE] = attitude - told + by_bias @ biases @ by_bias.T
+        joint[ATTITUDE, BIASES] = by_bias @ biases
+        joint[BIASES, ATTITUDE] = joint[ATTITUDE, BIASES].T
+        joint[BIASES, BIASES] = biases
+        return joint[SENSED, SENSED]
 
     def _covariance(self, fit: TrendFit, gravity: float, lat: float, rate: float) -> NDArray[np.float64]:
         tilt = self._accel_bias_stddev / gravity

@@ -24,25 +24,29 @@ from scipy.linalg import eigh
 
 from ins_nav.config.parameters import Value
 from ins_nav.estimation.error_filter import ErrorFilter
-from ins_nav.estimation.error_model import (
+from ins_nav.estimation.error_model import Array, ErrorModel, SlowState, Vector, azimuth, rotation_matrix
+from ins_nav.estimation.state_layout import (
+    ACCEL_BIAS,
     ATTITUDE,
+    BIASES,
     COSINE,
+    GYRO_BIAS,
     HEADING,
+    HORIZONTAL_POSITION,
+    HORIZONTAL_VELOCITY,
+    MOTION,
     POSITION,
+    SENSED,
     SIZE,
+    SOLUTION,
+    SOLUTION_SIZE,
+    TILT,
     VELOCITY,
     VERTICAL_VELOCITY,
-    Array,
-    ErrorModel,
-    SlowState,
-    Vector,
-    azimuth,
-    rotation_matrix,
 )
 from ins_nav.mechanization.nav_state import NavState
 from ins_nav.mechanization.replay_buffer import LENGTH_NS, ReplayBuffer
 
-BIASES = slice(9, 15)
 _STEP_NS, _LONGEST_NS = 100_000_000, 500_000_000
 """ns of data over which the covariance is carried at a time: the first where the body turns, the second where it turns
 by less than `_TURN` in it (`ErrorModel.transition`)."""
@@ -101,7 +105,7 @@ def filter_of(
     Parameters
     ----------
     model : ErrorModel
-    covariance : ndarray, shape (15, 15)
+    covariance : ndarray, shape (SOLUTION_SIZE, SOLUTION_SIZE)
         Of the errors on n, heading as an angle.
     own_states : mapping of name to sequence of SlowState
         Those of aids.
@@ -110,19 +114,19 @@ def filter_of(
     made = ErrorFilter(
         model, stddev[POSITION].tolist(), stddev[VELOCITY].tolist(), covariance[ATTITUDE, ATTITUDE], own_states
     )
-    scale = np.ones(COSINE)
+    scale = np.ones(SOLUTION_SIZE)
     scale[HEADING] = 1.0 - made.x[COSINE]  # of an unknown heading the sine
     if not model.vertical:
         scale[VERTICAL_VELOCITY] = 0.0
     heading = made.p[HEADING, HEADING]
-    made.p[:COSINE, :COSINE] = scale[:, None] * covariance * scale
+    made.p[SOLUTION, SOLUTION] = scale[:, None] * covariance * scale
     made.p[HEADING, HEADING] = heading
     return made
 
 
 def covariance_of(made: ErrorFilter) -> Array:
-    """Mean squares of the errors about a filter's solution, shape (15, 15), heading as an angle."""
-    covariance = made.p[:COSINE, :COSINE] + np.outer(made.x[:COSINE], made.x[:COSINE])
+    """Mean squares of a solution's errors, shape (SOLUTION_SIZE, SOLUTION_SIZE), heading as an angle."""
+    covariance = made.p[SOLUTION, SOLUTION] + np.outer(made.x[SOLUTION], made.x[SOLUTION])
     covariance[HEADING, HEADING] = max(covariance[HEADING, HEADING], made.heading_stddev**2)
     return covariance
 
@@ -178,7 +182,7 @@ class CovariancePropagation:
         self._filter: ErrorFilter | None = None
         self._model = error_model(self._values, (0.0, 0.0))
         self._accel_stddev = self._model.slow[3].stddev
-        self._idle: Array = np.zeros((15, 15))
+        self._idle: Array = np.zeros((SOLUTION_SIZE, SOLUTION_SIZE))
         self._idle[BIASES, BIASES] = np.diag([s.stddev**2 for s in self._model.slow])
         self.clear()
 
@@ -194,7 +198,7 @@ class CovariancePropagation:
 
     @property
     def covariance(self) -> Array:
-        """Of the errors (`error_model`), shape (15, 15), heading as an angle; biases only without a solution.
+        """Of the errors (`error_model`), as of `covariance_of`; biases only without a solution.
 
         Where height stays, vertical velocity is that of the random walk of height, as a mean over a second.
         """
@@ -241,14 +245,15 @@ class CovariancePropagation:
         if not held.first:
             self._swing += 0.5 * (held.velocity[0] ** 2 + held.velocity[1] ** 2)
             self._seconds += 1
-        axes = np.eye(3 if self._model.vertical else 2)
-        size = len(axes)
-        left, noise = np.eye(SIZE), np.zeros((SIZE, size))
-        left[3 : 3 + size, 3 : 3 + size] = 0.0
-        left[0:size, 3 : 3 + size] = -held.time * axes
-        noise[3 : 3 + size] = axes
+        position, velocity = HORIZONTAL_POSITION, HORIZONTAL_VELOCITY
+        if self._model.vertical:
+            position, velocity = POSITION, VELOCITY
+        every: Array = np.eye(SIZE)
+        left, noise = every.copy(), every[:, velocity].copy()
+        left[velocity, velocity] = 0.0
+        left[position] -= held.time * every[velocity]
         if held.first:
-            noise[0:size] = held.time * axes
+            noise[position] = held.time * every[velocity, velocity]
         self._filter.p = left @ self._filter.p @ left.T + (self._swing / self._seconds) * noise @ noise.T
         self._filter.x = left @ self._filter.x
 
@@ -267,21 +272,21 @@ class CovariancePropagation:
             rad², what the accelerometers' biases as of the parameters do to it included.
         """
         c, s = azimuth(self._state)
-        turn = np.eye(15)
-        for k in (0, 3, 6):
-            turn[k : k + 2, k : k + 2] = [[c, -s], [s, c]]
+        turn = np.eye(SOLUTION_SIZE)
+        for pair in (HORIZONTAL_POSITION, HORIZONTAL_VELOCITY, TILT):
+            turn[pair, pair] = [[c, -s], [s, c]]
         p = turn @ self.covariance @ turn.T
-        accel = p[12:15, 12:15]
+        accel = p[ACCEL_BIAS, ACCEL_BIAS]
         rot_gb = rotation_matrix(state[0:4])  # type: ignore[arg-type]
         tilt = np.array([-rot_gb[1], rot_gb[0], np.zeros(3)]) / _GRAVITY
         level = max(level_variance - (self._accel_stddev / _GRAVITY) ** 2, 0.0)
-        joint = np.zeros((9, 9))
-        joint[0:3, 0:3] = tilt @ accel @ tilt.T + np.diag([level, level, found[3, 3]])
-        joint[0:3, 6:9] = tilt @ accel
-        joint[6:9, 0:3] = joint[0:3, 6:9].T
-        joint[3:6, 3:6], joint[6:9, 6:9] = found[:3, :3], accel
-        joint[3:6, 2] = joint[2, 3:6] = -found[:3, 3]
-        self._filter = filter_of(self._model, _replaced(p, joint))
+        joint = np.zeros_like(p)
+        joint[ATTITUDE, ATTITUDE] = tilt @ accel @ tilt.T + np.diag([level, level, found[3, 3]])
+        joint[ATTITUDE, ACCEL_BIAS] = tilt @ accel
+        joint[ACCEL_BIAS, ATTITUDE] = joint[ATTITUDE, ACCEL_BIAS].T
+        joint[GYRO_BIAS, GYRO_BIAS], joint[ACCEL_BIAS, ACCEL_BIAS] = found[:3, :3], accel
+        joint[GYRO_BIAS, HEADING] = joint[HEADING, GYRO_BIAS] = -found[:3, 3]
+        self._filter = filter_of(self._model, _replaced(p, joint[SENSED, SENSED]))
 
     def take(self, covariance: Array) -> None:
         """A filter's solution has taken the place of this one."""
@@ -321,12 +326,12 @@ def _turn(before: NavState, after: NavState) -> float:
 
 
 def _replaced(p: Array, joint: Array) -> Array:
-    """The covariance with that of attitude and biases replaced by one found otherwise, shape (15, 15).
+    """The covariance with that of attitude and biases replaced by one found otherwise.
 
     The old errors of these were new errors and the correction, and what position and velocity had in common with them
     they had with both parts. Where the new ones are larger than the old, they have no more in common than those had.
     """
-    old = p[6:15, 6:15] + np.diag(_REGULAR * p.diagonal()[6:15] + _NOTHING)
+    old = p[SENSED, SENSED] + np.diag(_REGULAR * p.diagonal()[SENSED] + _NOTHING)
     share, axes = eigh(joint, old)
-    common = p[0:6, 6:15] @ (axes * np.minimum(share, 1.0)) @ axes.T @ old
-    return np.block([[p[0:6, 0:6], common], [common.T, joint]])
+    common = p[MOTION, SENSED] @ (axes * np.minimum(share, 1.0)) @ axes.T @ old
+    return np.block([[p[MOTION, MOTION], common], [common.T, joint]])

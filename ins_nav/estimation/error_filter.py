@@ -7,32 +7,32 @@ The mechanization runs on; between two states the filter propagates, an aid's me
     update = filter.update("gnss", stamp_ns, gnss.measure(filter.solution(state, rate, gyro_bias), *fix))
     state, gyro_bias, accel_bias = filter.feed_back(state, gyro_bias, accel_bias)
 
-Covariances for people: position ``P[0:3, 0:3]`` and attitude ``P[6:9, 6:9]`` on n, velocity on body axes
-``rot_bn P[3:6, 3:6] rot_nb`` (see `ins_nav.estimation.error_model`).
+Covariances for people: position and attitude on n as they are, velocity on body axes ``rot_bn P_vv rot_nb`` (see
+`ins_nav.estimation.error_model`).
 """
 
 import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ins_nav.estimation.error_model import (
-    ATTITUDE,
-    COSINE,
-    HEADING,
-    POSITION,
-    SIZE,
-    VELOCITY,
-    VERTICAL_VELOCITY,
-    Array,
-    ErrorModel,
-    SlowState,
-    Vector,
-    rotation_matrix,
-)
+from ins_nav.estimation.error_model import Array, ErrorModel, SlowState, Vector, rotation_matrix
 from ins_nav.estimation.innovation_gate import GATE, PATIENCE, Track, limit, line
 from ins_nav.estimation.observation import Measurement, Solution, Update
+from ins_nav.estimation.state_layout import (
+    ATTITUDE,
+    BIASES,
+    COSINE,
+    HEADING,
+    HORIZONTAL_POSITION,
+    HORIZONTAL_VELOCITY,
+    POSITION,
+    SIZE,
+    TILT,
+    VELOCITY,
+    VERTICAL_VELOCITY,
+    StateLayout,
+)
 from ins_nav.mechanization.attitude import from_rotation_vector
 from ins_nav.mechanization.nav_state import NavState
 
@@ -61,6 +61,8 @@ class ErrorFilter:
 
     Attributes
     ----------
+    layout : StateLayout
+        The states of aids follow those that every filter has.
     x : ndarray, shape (n,)
         Estimated errors not fed back yet; zero after `feed_back` but for the cosine of an unknown heading.
     p : ndarray, shape (n, n)
@@ -78,12 +80,9 @@ class ErrorFilter:
         aids: Mapping[str, Sequence[SlowState]] | None = None,
     ) -> None:
         self.model = model
-        own: list[SlowState] = []
-        self._own: dict[str, slice] = {}
-        for name, states in (aids or {}).items():
-            self._own[name] = slice(SIZE + len(own), SIZE + len(own) + len(states))
-            own += states
-        size = SIZE + len(own)
+        own = [state for states in (aids or {}).values() for state in states]
+        self.layout = StateLayout({name: len(states) for name, states in (aids or {}).items()})
+        size = self.layout.size
         self.x: Array = np.zeros(size)
         self.values: Array = np.zeros(size)
         self._start: Array = np.array([s.value for s in own])
@@ -93,7 +92,7 @@ class ErrorFilter:
         diagonal[VELOCITY] = np.square(velocity_stddev)
         if not model.vertical:
             diagonal[VERTICAL_VELOCITY] = 0.0
-        diagonal[9:COSINE] = [s.stddev**2 for s in model.slow]
+        diagonal[BIASES] = [s.stddev**2 for s in model.slow]
         diagonal[SIZE:] = [s.stddev**2 for s in own]
         self.p[ATTITUDE, ATTITUDE] = attitude_covariance
         if self.p[HEADING, HEADING] > _SMALL**2:
@@ -106,13 +105,13 @@ class ErrorFilter:
 
     def own(self, *aids: str) -> Array:
         """The own states in use of aids, one after the other; of those that have none, none."""
-        columns = self._columns(aids)
+        columns = self.layout.columns(*aids)
         values: Array = self.values[columns] + self._start[columns - SIZE]
         return values
 
     def own_covariance(self, *aids: str) -> Array:
         """Their covariance."""
-        columns = self._columns(aids)
+        columns = self.layout.columns(*aids)
         return self.p[np.ix_(columns, columns)]
 
     def own_stddev(self, *aids: str) -> Array:
@@ -133,7 +132,7 @@ class ErrorFilter:
         Only then does heading act through velocity. A base at rest, too, has a velocity on paper, and it must not
         tell of heading.
         """
-        (a, b), (_, c) = self.p[3:5, 3:5].tolist()
+        (a, b), (_, c) = self.p[HORIZONTAL_VELOCITY, HORIZONTAL_VELOCITY].tolist()
         x, y = state[4:6]
         # v' P^-1 v > limit, written without the division
         return c * x * x - 2.0 * b * x * y + a * y * y > _TRAVEL * max(0.0, a * c - b * b)
@@ -161,10 +160,9 @@ class ErrorFilter:
         core = self.model.transition(before, after, duration, travels)
         half = self.model.noise(before, after, 0.5 * duration)
         # what turns with heading and is not in the matrix: surge, or the error of travel
-        variance = self.p[3, 3] + self.p[4, 4]
+        variance = self.p.diagonal()[HORIZONTAL_VELOCITY].sum()
         left = variance if travels else max(0.0, after[4] ** 2 + after[5] ** 2 - variance)
-        half[0, 0] += (walk := 0.5 * duration * _SURGE * self.turn * left)
-        half[1, 1] += walk
+        np.einsum("ii->i", half)[HORIZONTAL_POSITION] += 0.5 * duration * _SURGE * self.turn * left
         size = len(self.x)
         if size > SIZE:
             full, more = np.zeros((size, size)), np.zeros((size, size))
@@ -179,7 +177,7 @@ class ErrorFilter:
         if self.p[COSINE, COSINE] == 0.0 and self.p[HEADING, HEADING] > 4.0 * _SMALL**2:
             self._open_heading()
         if self._relaxes:  # the value in use stays: what is true tends to the one at the start
-            self.x[9:COSINE] += (1.0 - core.diagonal()[9:COSINE]) * self.values[9:COSINE]
+            self.x[BIASES] += (1.0 - core.diagonal()[BIASES]) * self.values[BIASES]
             self.x[SIZE:] += self.values[SIZE:] - core[SIZE:, SIZE:] @ self.values[SIZE:]
 
     def disturb(self, attitude_stddev: float, velocity_stddev: float, position_stddev: float) -> None:
@@ -238,14 +236,14 @@ class ErrorFilter:
         track = self._tracks.get(aid, Track())
         factor = track.noise_factor(len(innovation))
         if direct is None:
-            direct = self._own[aid]
+            direct = self.layout[aid]
         size = len(self.x)
         h = h_core
         if size > SIZE:
             h = np.zeros((len(innovation), size))
             h[:, :SIZE] = h_core
             if h_own is not None:
-                h[:, self._columns((aid, shares))] = h_own
+                h[:, self.layout.columns(aid, shares)] = h_own
         residual = innovation - h @ self.x
         ph = self.p @ h.T
         predicted = h @ ph
@@ -274,11 +272,6 @@ class ErrorFilter:
         track = track.accepting(stamp_ns, float((h @ self.p @ h.T).trace()))
         self._tracks = self._tracks | {aid: track}
         return Update(aid, stamp_ns, tuple(residual.tolist()), sigma, ratio, True, reason, factor)
-
-    def _columns(self, aids: Sequence[str]) -> NDArray[np.intp]:
-        """Numbers of their own states."""
-        found = [i for name in aids if name in self._own for i in range(self._own[name].start, self._own[name].stop)]
-        return np.array(found, np.intp)
 
     def _take(self, gain: Array, h: Array, r: Array, residual: Array) -> None:
         """Joseph's form."""
@@ -321,11 +314,12 @@ class ErrorFilter:
         close = open_heading and self._join_heading()
         x = self.x
         corrected = self.model.apply(x, state, gyro_bias, accel_bias)
+        tilt_x, tilt_y = x[TILT].tolist()
         c, s, length = _unit(x)
         back = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
         turn: Array = np.eye(len(x))
-        turn[VELOCITY, VELOCITY] = back @ rotation_matrix(from_rotation_vector(-float(x[6]), -float(x[7]), 0.0))
-        turn[6:8, 6:8] = back[:2, :2]
+        turn[VELOCITY, VELOCITY] = back @ rotation_matrix(from_rotation_vector(-tilt_x, -tilt_y, 0.0))
+        turn[TILT, TILT] = back[:2, :2]
         if open_heading:
             turn[HEADING, HEADING], turn[HEADING, COSINE] = c, s
             turn[COSINE, HEADING], turn[COSINE, COSINE] = -s, c

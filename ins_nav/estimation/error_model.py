@@ -2,13 +2,15 @@
 
 Error state, computed less true, on the axes n of the computed solution (free azimuth, z up)::
 
-    0  position       dp     along n, m
-    3  velocity       dv     v_computed - R v_true, m/s
-    6  attitude       phi    rot_nb_computed = R rot_nb_true
-    9  gyro bias             in use less true, body, rad/s
-    12 accel bias            in use less true, body, m/s²
-    15 cosine         kappa  1 - cos(heading error)
-    16 states of aids        in use less true (log scale, range bias ...)
+    position       dp     along n, m
+    velocity       dv     v_computed - R v_true, m/s
+    attitude       phi    rot_nb_computed = R rot_nb_true
+    gyro bias             in use less true, body, rad/s
+    accel bias            in use less true, body, m/s²
+    cosine         kappa  1 - cos(heading error)
+    states of aids        in use less true (log scale, range bias ...)
+
+`ins_nav.estimation.state_layout` has their indices.
 
 R is the turn by the tilt (phi_x, phi_y) after a turn about the vertical by the heading error gamma;
 ``phi_z = sin(gamma)`` and ``kappa = 1 - cos(gamma)``. Two facts follow:
@@ -47,6 +49,21 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ins_nav.estimation.state_layout import (
+    ACCEL_BIAS,
+    ATTITUDE,
+    BIASES,
+    COSINE,
+    GYRO_BIAS,
+    HEADING,
+    HEIGHT,
+    NAVIGATION,
+    POSITION,
+    SIZE,
+    TILT,
+    VELOCITY,
+    VERTICAL_VELOCITY,
+)
 from ins_nav.mechanization import nav_state
 from ins_nav.mechanization.attitude import Quaternion, conjugate, from_rotation_vector, multiply, rotate
 from ins_nav.mechanization.earth import ECCENTRICITY_SQUARED, RATE, SEMI_MAJOR_AXIS, normal_gravity, principal_radii
@@ -54,15 +71,6 @@ from ins_nav.mechanization.nav_state import NavState
 
 Array = NDArray[np.float64]
 Vector = tuple[float, float, float]
-
-POSITION = slice(0, 3)
-VELOCITY = slice(3, 6)
-ATTITUDE = slice(6, 9)
-GYRO_BIAS = slice(9, 12)
-ACCEL_BIAS = slice(12, 15)
-HEIGHT, VERTICAL_VELOCITY, HEADING, COSINE = 2, 5, 8, 15
-SIZE = 16
-"""States without those of aids."""
 
 
 @dataclass(frozen=True)
@@ -131,9 +139,9 @@ class ErrorModel:
         diagonal[HEIGHT] = 0.0 if vertical else height_walk**2
         diagonal[VELOCITY] = accel_noise**2
         diagonal[ATTITUDE] = gyro_noise**2
-        diagonal[9:15] = [s.walk**2 for s in self.slow]
-        self._slow_rows: Array = np.zeros((SIZE - 9, SIZE))
-        self._slow_rows[np.arange(6), np.arange(9, 15)] = [-1.0 / s.correlation_time for s in self.slow]
+        diagonal[BIASES] = [s.walk**2 for s in self.slow]
+        self._slow_rates: Array = np.zeros((SIZE, SIZE))
+        np.einsum("ii->i", self._slow_rates)[BIASES] = [-1.0 / s.correlation_time for s in self.slow]
         if not vertical:
             diagonal[VERTICAL_VELOCITY] = 0.0
 
@@ -152,8 +160,8 @@ class ErrorModel:
             The velocity is one; otherwise it is an error of the solution, and heading does not act through it
             (`ErrorFilter`).
         """
-        a = np.concatenate([_rates(before, after, self.vertical, travels), self._slow_rows])
-        a *= duration
+        a = self._slow_rates * duration
+        a[NAVIGATION] = duration * _rates(before, after, self.vertical, travels)
         phi: Array = a @ a
         phi *= 0.5
         phi += a
@@ -196,7 +204,10 @@ class ErrorModel:
         state : NavState
         gyro_bias, accel_bias : 3 floats
         """
-        dx, dy, dz, du, dv, dw, _, _, _, g1, g2, g3, a1, a2, a3 = map(float, x[:COSINE])
+        dx, dy, dz = x[POSITION].tolist()
+        du, dv, dw = x[VELOCITY].tolist()
+        g1, g2, g3 = x[GYRO_BIAS].tolist()
+        a1, a2, a3 = x[ACCEL_BIAS].tolist()
         back = conjugate(error_rotation(x))
         vx, vy, vz = state[4:7]
         nx, ny, nz = rotate(back, vx - du, vy - dv, vz - dw)
@@ -254,7 +265,7 @@ def _rates(before: NavState, after: NavState, vertical: bool, travels: bool) -> 
         -c21, -c22, -c23,  0.0, 0.0, 0.0,  -u2,
         -b * w2 - a * w1, -c * w2 - b * w1, 0.0,  0.0, 0.0, 0.0,  w2, -w1, 0.0,
         -c31, -c32, -c33,  0.0, 0.0, 0.0,  0.0,
-    )).reshape(9, SIZE)
+    )).reshape(-1, SIZE)
     # fmt: on
     if not vertical:
         rows[VERTICAL_VELOCITY] = 0.0
@@ -288,4 +299,5 @@ def error_rotation(x: Array) -> Quaternion:
     """The turn R of an error state: heading, then tilt; exact for any heading error."""
     gamma = math.atan2(x[HEADING], 1.0 - x[COSINE])
     turn = (0.0, 0.0, math.sin(0.5 * gamma), math.cos(0.5 * gamma))
-    return multiply(from_rotation_vector(float(x[6]), float(x[7]), 0.0), turn)
+    tilt_x, tilt_y = x[TILT].tolist()
+    return multiply(from_rotation_vector(tilt_x, tilt_y, 0.0), turn)

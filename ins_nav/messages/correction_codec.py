@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from ins_nav.estimation.state_layout import SOLUTION_SIZE
 from ins_nav.messages.stamps import NS
 from ins_nav.navigator.correction import Correction
 
@@ -15,7 +16,7 @@ FEEDBACK = (
     ("gyro_bias", 3),
     ("accel_bias", 3),
     ("aligned", 1),
-    ("covariance", 225),
+    ("covariance", SOLUTION_SIZE**2),
 )
 """Parts of a feedback message, with their sizes."""
 _UNIT = 1e-6
@@ -47,7 +48,7 @@ def read_feedback(message: Any) -> Correction | None:
     for name, size in FEEDBACK:
         parts[name] = tuple(data[at : at + size])
         at += size
-    state, covariance = parts["state"], np.array(parts["covariance"]).reshape(15, 15)
+    state, covariance = parts["state"], np.array(parts["covariance"]).reshape(SOLUTION_SIZE, SOLUTION_SIZE)
     off = max(abs(math.hypot(*q) - 1.0) for q in (state[0:4], state[7:11]))
     if off > _UNIT or covariance.diagonal().min() < 0.0:
         return None

@@ -7,6 +7,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ins_nav.aiding.aids import BEACON
+from ins_nav.estimation.state_layout import (
+    ACCEL_BIAS,
+    GYRO_BIAS,
+    HEADING,
+    HEIGHT,
+    HORIZONTAL_POSITION,
+    HORIZONTAL_VELOCITY,
+    TILT,
+)
 from ins_nav.event_log import ERROR, INFO, EventLog
 from ins_nav.messages.stamps import NS
 from ins_nav.navigator.delayed import DelayedNavigator
@@ -44,7 +53,7 @@ def diagnostics(navigator: RealtimeNavigator, silent_for: float = 0.0) -> tuple[
     if navigator.phase in (Phase.FINE, Phase.NAVIGATING):
         sigma = np.sqrt(navigator.accuracy.covariance.diagonal())
         stops = navigator.stops
-        values |= _sigmas(sigma, sigma[8])
+        values |= _sigmas(sigma, sigma[HEADING])
         values |= {
             "stopped": str(stops.detector.stopped).lower(),
             "stops with zero velocity": str(stops.held),
@@ -72,8 +81,8 @@ def alignment_diagnostics(navigator: DelayedNavigator, silent_for: float = 0.0) 
         values |= _sigmas(sigma, navigator.filter.heading_stddev)
         values |= {
             "time left by prediction": f"{navigator.time_left:.0f} s",
-            "gyro bias": _with_sigma(navigator.gyro_bias, sigma[9:12], _BIAS_UNIT, 4) + " deg/h",
-            "accelerometer bias": _with_sigma(navigator.accel_bias, sigma[12:15], 1.0, 5) + " m/s^2",
+            "gyro bias": _with_sigma(navigator.gyro_bias, sigma[GYRO_BIAS], _BIAS_UNIT, 4) + " deg/h",
+            "accelerometer bias": _with_sigma(navigator.accel_bias, sigma[ACCEL_BIAS], 1.0, 5) + " m/s^2",
         }
     for name, record in navigator.records.items():
         values[f"{name}: accepted, rejected"] = f"{record.accepted}, {record.rejected}"
@@ -102,12 +111,12 @@ def alignment_diagnostics(navigator: DelayedNavigator, silent_for: float = 0.0) 
 
 
 def _sigmas(sigma: NDArray[np.float64], heading: float) -> dict[str, str]:
-    """Of the solution, for people; the array as the states of `ins_nav.estimation.error_model`."""
+    """Of the solution, for people; the array as `ins_nav.estimation.state_layout`."""
     return {
-        "position sigma": f"{math.hypot(*sigma[0:2]):.3f} m",
-        "height sigma": f"{sigma[2]:.3f} m",
-        "velocity sigma": f"{math.hypot(*sigma[3:5]):.4f} m/s",
-        "level sigma": f"{math.degrees(max(sigma[6:8])):.5f} deg",
+        "position sigma": f"{math.hypot(*sigma[HORIZONTAL_POSITION]):.3f} m",
+        "height sigma": f"{sigma[HEIGHT]:.3f} m",
+        "velocity sigma": f"{math.hypot(*sigma[HORIZONTAL_VELOCITY]):.4f} m/s",
+        "level sigma": f"{math.degrees(max(sigma[TILT])):.5f} deg",
         "heading sigma": f"{math.degrees(heading):.4f} deg",
     }
 

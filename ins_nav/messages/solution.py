@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ins_nav.estimation import error_model
+from ins_nav.estimation.state_layout import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, POSE, POSITION, VELOCITY
 from ins_nav.mechanization import nav_state
 from ins_nav.mechanization.attitude import conjugate, multiply
 from ins_nav.messages.stamps import NS, set_stamp
@@ -106,20 +107,20 @@ class SolutionMessages:
         assert state is not None and frame is not None
         c, s = error_model.azimuth(state)
         to_g = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-        self.imu.orientation_covariance[:] = (to_g @ p[6:9, 6:9] @ to_g.T).ravel()
-        self.fix.position_covariance[:] = (to_g @ p[0:3, 0:3] @ to_g.T).ravel()
+        self.imu.orientation_covariance[:] = (to_g @ p[ATTITUDE, ATTITUDE] @ to_g.T).ravel()
+        self.fix.position_covariance[:] = (to_g @ p[POSITION, POSITION] @ to_g.T).ravel()
         q_mn = multiply(frame.attitude(state), conjugate(state[0:4]))  # type: ignore[arg-type]
         to_m = error_model.rotation_matrix(q_mn)
-        parts = p[np.ix_([0, 1, 2, 6, 7, 8], [0, 1, 2, 6, 7, 8])]
+        parts = p[np.ix_(POSE, POSE)]
         both = np.kron(np.eye(2), to_m)
         self.odometry.pose.covariance[:] = (both @ parts @ both.T).ravel()
         to_b = error_model.rotation_matrix(state[0:4]).T  # type: ignore[arg-type]
         twist = np.zeros((6, 6))
-        twist[:3, :3] = to_b @ p[3:6, 3:6] @ to_b.T
-        twist[3:, 3:] = p[9:12, 9:12]
+        twist[:3, :3] = to_b @ p[VELOCITY, VELOCITY] @ to_b.T
+        twist[3:, 3:] = p[GYRO_BIAS, GYRO_BIAS]
         self.odometry.twist.covariance[:] = twist.ravel()
-        self.imu.angular_velocity_covariance[:] = p[9:12, 9:12].ravel()
-        self.imu.linear_acceleration_covariance[:] = p[12:15, 12:15].ravel()
+        self.imu.angular_velocity_covariance[:] = p[GYRO_BIAS, GYRO_BIAS].ravel()
+        self.imu.linear_acceleration_covariance[:] = p[ACCEL_BIAS, ACCEL_BIAS].ravel()
 
 
 def fill_bias(message: Any, navigator: RealtimeNavigator, base_link_frame: str) -> None:

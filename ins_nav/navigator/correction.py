@@ -27,8 +27,8 @@ class Correction(NamedTuple):
     state : NavState
     gyro_bias, accel_bias : 3 floats
         rad/s and m/s².
-    covariance : ndarray, shape (15, 15)
-        Of the errors, as `ins_nav.estimation.error_model` defines them.
+    covariance : ndarray, shape (SOLUTION_SIZE, SOLUTION_SIZE)
+        Of the errors (`ins_nav.estimation.covariance_propagation.covariance_of`).
     aligned : bool
         Fine alignment is done.
     """

@@ -34,9 +34,9 @@ from ins_nav.config.parameters import Value
 from ins_nav.config.state_file import log_calibration
 from ins_nav.estimation import covariance_propagation
 from ins_nav.estimation.error_filter import ErrorFilter
-from ins_nav.estimation.error_model import POSITION, SIZE
 from ins_nav.estimation.innovation_gate import GATE, PATIENCE
 from ins_nav.estimation.observation import Measurement, Solution
+from ins_nav.estimation.state_layout import HORIZONTAL_VELOCITY, POSITION, SIZE
 from ins_nav.event_log import INFO, WARN
 from ins_nav.mechanization import nav_state, strapdown
 from ins_nav.mechanization.attitude import rotate
@@ -208,7 +208,7 @@ class DelayedNavigator(AidIntake):
         return True
 
     def _filter_from(self, covariance: Array, stamp_ns: int) -> None:
-        """Start the filter at the present state; its covariance on n, shape (15, 15)."""
+        """Start the filter at the present state; its covariance on n."""
         model = covariance_propagation.error_model(self.parameters, self._noise)
         own = {name: aid.states for name, aid in self._aids.items() if aid.states}
         if self._log_found and aids.LOG in own:
@@ -413,7 +413,7 @@ class DelayedNavigator(AidIntake):
     def _rest(self, raw: strapdown.Sample) -> None:
         """The settled sample, where it is one of a stop."""
         assert self.filter is not None and self.state is not None
-        speed_stddev = math.sqrt(self.filter.p[3, 3] + self.filter.p[4, 4])
+        speed_stddev = math.sqrt(self.filter.p.diagonal()[HORIZONTAL_VELOCITY].sum())
         biases = self.gyro_bias, self.accel_bias
         measured = self._stops.add(self.settled_ns, self._before, raw, self.state, biases, speed_stddev)  # type: ignore[arg-type]
         for name, measure in measured:

@@ -19,6 +19,7 @@ from ins_nav.alignment.initial_position import InitialPosition, Place
 from ins_nav.config import state_file
 from ins_nav.config.parameters import Value, checked_values
 from ins_nav.estimation.covariance_propagation import CovariancePropagation
+from ins_nav.estimation.state_layout import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, HEADING, HORIZONTAL_POSITION, POSITION
 from ins_nav.event_log import ERROR, INFO, WARN, EventLog
 from ins_nav.mechanization import attitude, nav_state, strapdown
 from ins_nav.mechanization.imu_stream import ImuStream
@@ -169,12 +170,12 @@ class RealtimeNavigator:
         """
         if self.state is not None:
             where = nav_state.geodetic(self.state)
-            east, north, up = np.sqrt(self._known().diagonal()[:3]).tolist()
+            east, north, up = np.sqrt(self._known().diagonal()[POSITION]).tolist()
             stddev = max(east, north)
             self._place.put(Place(where.lat, where.lon, where.height, (stddev, stddev, up)))
             if self._heading is not None:  # given at the start: where it points now is what is known
                 self._heading = attitude.heading_from_yaw(attitude.to_euler(where.q_gb)[2])
-                self._heading_stddev = math.sqrt(self.attitude_covariance[2, 2])
+                self._heading_stddev = math.sqrt(float(self._known()[HEADING, HEADING]))
         self.state = None
         self.phase = Phase.COARSE if self._previous is not None else Phase.WAITING
         self._align_again()
@@ -205,7 +206,7 @@ class RealtimeNavigator:
             return False, f"no navigation solution yet: {self.phase.value}; call again when navigating"
         where = nav_state.geodetic(self.state)
         heading = math.degrees(attitude.heading_from_yaw(attitude.to_euler(where.q_gb)[2]))
-        stddev = math.sqrt(float(self._known().diagonal()[:2].max()))
+        stddev = math.sqrt(float(self._known().diagonal()[HORIZONTAL_POSITION].max()))
         place = math.degrees(where.lat), math.degrees(where.lon), where.height
         kept: dict[str, Value] = {
             "imu.gyro_bias_deg_per_hour": [x / _DEG_PER_HOUR for x in self.gyro_bias],
@@ -294,28 +295,28 @@ class RealtimeNavigator:
         self._rerun(StopCorrection(entry.stamp_ns, newest.state, newest.gyro_bias))
 
     def _known(self) -> NDArray[np.float64]:
-        """Covariance of the errors, shape (15, 15)."""
+        """Covariance of the errors (`covariance_propagation.covariance_of`)."""
         return self.accuracy.covariance
 
     @property
     def covariance(self) -> NDArray[np.float64] | None:
-        """Of the errors (`ins_nav.estimation.error_model`) at present, shape (15, 15); None without a solution."""
+        """Of the errors (`covariance_propagation.covariance_of`) at present; None without a solution."""
         return None if self.state is None else self._known()
 
     @property
     def attitude_covariance(self) -> NDArray[np.float64]:
         """On n, level but free in azimuth, rad², shape (3, 3)."""
-        return self._known()[6:9, 6:9]
+        return self._known()[ATTITUDE, ATTITUDE]
 
     @property
     def gyro_bias_covariance(self) -> NDArray[np.float64]:
         """rad²/s², shape (3, 3)."""
-        return self._known()[9:12, 9:12]
+        return self._known()[GYRO_BIAS, GYRO_BIAS]
 
     @property
     def accel_bias_covariance(self) -> NDArray[np.float64]:
         """m²/s⁴, shape (3, 3)."""
-        return self._known()[12:15, 12:15]
+        return self._known()[ACCEL_BIAS, ACCEL_BIAS]
 
     @property
     def progress(self) -> float:

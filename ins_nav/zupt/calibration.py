@@ -26,6 +26,7 @@ from ins_nav.alignment.coarse_alignment import Alignment
 from ins_nav.alignment.gravity_cone import GravityCone
 from ins_nav.config.parameters import Value
 from ins_nav.estimation.covariance_propagation import Held
+from ins_nav.estimation.state_layout import GYRO_BIAS, HEADING, SOLUTION_SIZE, TILT
 from ins_nav.event_log import WARN, EventLog
 from ins_nav.mechanization import nav_state
 from ins_nav.mechanization.attitude import from_rotation_vector, multiply
@@ -223,7 +224,7 @@ class StopCalibration:
         Parameters
         ----------
         following : bool
-        covariance : ndarray, shape (15, 15), or None
+        covariance : ndarray or None
             Of the errors (`ins_nav.estimation.error_model`), as the filter left them.
         history : ReplayBuffer
         bias : 3 floats
@@ -231,10 +232,10 @@ class StopCalibration:
         """
         if self.passive and not following and covariance is not None:
             signs = np.array([-1.0, -1.0, -1.0, 1.0])  # drifts are what is true less what is in use
-            known = [9, 10, 11, 8]
+            known = [*range(SOLUTION_SIZE)[GYRO_BIAS], HEADING]
             self.covariance = covariance[np.ix_(known, known)] * np.outer(signs, signs)
             self.covariance += np.diag([_EXACT_DRIFT] * 3 + [_EXACT])
-            self.level_variance = max(covariance[6, 6], covariance[7, 7])
+            self.level_variance = covariance.diagonal()[TILT].max()
             self._known_turned = self._turned.copy()
             self._known_ns = self._settled_ns
             self._first = None

@@ -2,15 +2,9 @@
 
 import numpy as np
 
-from ins_nav.estimation.error_model import (
-    GYRO_BIAS,
-    HEADING,
-    SIZE,
-    VELOCITY,
-    Array,
-    Vector,
-)
+from ins_nav.estimation.error_model import Array, Vector
 from ins_nav.estimation.observation import Measurement, Solution
+from ins_nav.estimation.state_layout import GYRO_BIAS, HEADING, SIZE, VELOCITY
 from ins_nav.zupt.zupt_equations import StopMeasurement
 
 

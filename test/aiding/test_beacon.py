@@ -7,8 +7,9 @@ import pytest
 
 from ins_nav.aiding.beacon import Beacon
 from ins_nav.estimation.error_filter import ErrorFilter
-from ins_nav.estimation.error_model import SIZE, ErrorModel
+from ins_nav.estimation.error_model import ErrorModel
 from ins_nav.estimation.observation import Measurement
+from ins_nav.estimation.state_layout import SIZE
 from ins_nav.mechanization import earth, nav_state
 
 LAT, LON = 0.97, 0.6

@@ -9,18 +9,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from ins_nav.aiding.measurements import BeaconRange, Depth, GnssPosition, GnssVelocity, Log
-from ins_nav.estimation.error_model import (
-    COSINE,
-    GYRO_BIAS,
-    HEADING,
-    POSITION,
-    SIZE,
-    Array,
-    ErrorModel,
-    SlowState,
-    Vector,
-)
+from ins_nav.estimation.error_model import Array, ErrorModel, SlowState, Vector
 from ins_nav.estimation.observation import Measurement, Solution
+from ins_nav.estimation.state_layout import COSINE, GYRO_BIAS, HEADING, POSITION, SIZE
 from ins_nav.mechanization import earth, nav_state
 from ins_nav.simulation.motion import Motion, constant, sinusoid
 from ins_nav.simulation.sensors import GnssReceiver

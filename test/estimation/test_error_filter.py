@@ -13,9 +13,10 @@ from test_error_model import difference
 
 from ins_nav.aiding.measurements import GnssPosition, Log
 from ins_nav.estimation.error_filter import ErrorFilter
-from ins_nav.estimation.error_model import COSINE, HEADING, POSITION, SIZE, VELOCITY, Array, ErrorModel, SlowState
+from ins_nav.estimation.error_model import Array, ErrorModel, SlowState
 from ins_nav.estimation.innovation_gate import AGREEING, PATIENCE
 from ins_nav.estimation.observation import Measurement, Update
+from ins_nav.estimation.state_layout import COSINE, HEADING, POSITION, SIZE, VELOCITY
 from ins_nav.mechanization import nav_state, strapdown
 from ins_nav.simulation.motion import Motion, Route, constant, sinusoid
 from ins_nav.simulation.trajectory import EarthMotion, Origin, Trajectory

@@ -11,7 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from ins_nav.estimation.error_model import COSINE, HEADING, SIZE, Array, ErrorModel, SlowState, error_rotation
+from ins_nav.estimation.error_model import Array, ErrorModel, SlowState, error_rotation
+from ins_nav.estimation.state_layout import COSINE, HEADING, SIZE
 from ins_nav.mechanization import nav_state, strapdown
 from ins_nav.simulation.motion import Motion, constant, sinusoid
 from ins_nav.simulation.trajectory import EarthMotion, Origin

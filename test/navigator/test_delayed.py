@@ -25,8 +25,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.stats import chi2
 
-from ins_nav.estimation.error_model import HEADING, SIZE
 from ins_nav.estimation.observation import Measurement
+from ins_nav.estimation.state_layout import HEADING, SIZE
 from ins_nav.messages import diagnostics
 from ins_nav.navigator.correction import Correction
 from ins_nav.navigator.delayed import DelayedNavigator
