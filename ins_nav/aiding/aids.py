@@ -279,7 +279,7 @@ class Range(Aid):
         if plain is None or not self.shares:
             return plain
         assert plain.own is not None
-        from_beacon: Array = np.array(rotate(solution.state[7:11], *plain.h[0, POSITION].tolist()))  # type: ignore[arg-type]
+        from_beacon: Array = np.array(rotate(solution.state[7:11], *plain.h[0, POSITION].tolist()))
         columns = self.beacon.columns(-from_beacon, self._ago(seen))
         return plain._replace(own=np.hstack([plain.own, columns[None]]), shares=self.shares)
 
@@ -287,7 +287,7 @@ class Range(Aid):
         """Of the states, on the beacon's place on n when sound left it, shape (3, k); None where it is moored."""
         if not self.shares:
             return None
-        rot_en = rotation_matrix(solution.state[7:11])  # type: ignore[arg-type]
+        rot_en = rotation_matrix(solution.state[7:11])
         columns = [self.beacon.columns(axis, self._ago(seen)) for axis in rot_en.T]
         return np.hstack([np.zeros((3, len(self.states))), columns])
 
@@ -295,7 +295,7 @@ class Range(Aid):
         """Covariance of the beacon's place on n, shape (3, 3), m², from that of its states."""
         if not self.shares:
             return np.zeros((3, 3))
-        rot_en = rotation_matrix(solution.state[7:11])  # type: ignore[arg-type]
+        rot_en = rotation_matrix(solution.state[7:11])
         spread: Array = rot_en.T @ covariance[:3, :3] @ rot_en
         return spread
 

@@ -44,7 +44,7 @@ class GnssPosition:
     def measure(self, solution: Solution, lat: float, lon: float, height: float, covariance: ArrayLike) -> Measurement:
         """rad and m; covariance on east, north, up, shape (3, 3), m². Height is not looked at when it is left alone."""
         state = solution.state
-        arm = rotate(state[0:4], *self._lever_arm)  # type: ignore[arg-type]
+        arm = rotate(state[0:4], *self._lever_arm)
         if self._rows == 2:
             height = state[11] + arm[2]
         away = np.array(nav_state.position_ecef(state)) - geodetic_to_ecef(lat, lon, height)
@@ -74,7 +74,7 @@ class GnssVelocity:
     def measure(self, solution: Solution, velocity: Vector, covariance: ArrayLike) -> Measurement:
         """m/s; covariance on east, north, up, shape (3, 3), m²/s²."""
         state = solution.state
-        rot_nb = rotation_matrix(state[0:4])  # type: ignore[arg-type]
+        rot_nb = rotation_matrix(state[0:4])
         swing = rot_nb @ np.cross(_rate_to_earth(solution), self._lever_arm)
         c, s = azimuth(state)
         east, north, up = velocity
@@ -104,11 +104,11 @@ class Depth:
 
     def height(self, solution: Solution) -> float:
         """Ellipsoidal height of the gauge, m."""
-        return solution.state[11] + rotate(solution.state[0:4], *self._lever_arm)[2]  # type: ignore[arg-type]
+        return solution.state[11] + rotate(solution.state[0:4], *self._lever_arm)[2]
 
     def measure(self, solution: Solution, depth: float, variance: float, surface: float) -> Measurement:
         """m, down positive; m²; ellipsoidal height of the surface, m, which may be a state of its own."""
-        arm = rotate(solution.state[0:4], *self._lever_arm)  # type: ignore[arg-type]
+        arm = rotate(solution.state[0:4], *self._lever_arm)
         h: Array = np.zeros((3, SIZE))
         h[HEIGHT, HEIGHT] = 1.0
         _turned(h, arm)
@@ -165,7 +165,7 @@ class Log:
             return None
         scale, a_y, a_z = map(float, own[:3])
         body = np.add(nav_state.velocity_body(solution.state), np.cross(_rate_to_earth(solution), self._lever_arm))
-        rot_nb = rotation_matrix(solution.state[0:4])  # type: ignore[arg-type]
+        rot_nb = rotation_matrix(solution.state[0:4])
         to_n = _east_north(solution.state)
         through_water = self._current.stop > self._current.start
         current = to_n @ np.asarray(own[self._current]) if through_water else np.zeros(3)
@@ -213,7 +213,7 @@ class BeaconRange:
 
     def away(self, state: nav_state.NavState, beacon: ArrayLike) -> Array:
         """From a beacon, Earth-fixed, to the transducer, on n, shape (3,), m."""
-        arm = rotate(state[0:4], *self._lever_arm)  # type: ignore[arg-type]
+        arm = rotate(state[0:4], *self._lever_arm)
         return np.add(_from_earth(state, np.subtract(nav_state.position_ecef(state), beacon)), arm)
 
     def measure(
@@ -227,7 +227,7 @@ class BeaconRange:
         """
         state = solution.state
         scale, bias = map(float, own)
-        arm = rotate(state[0:4], *self._lever_arm)  # type: ignore[arg-type]
+        arm = rotate(state[0:4], *self._lever_arm)
         away = self.away(state, beacon)
         length = float(np.linalg.norm(away))
         if length == 0.0:

@@ -193,7 +193,7 @@ class CovariancePropagation:
         self._kept: deque[_Kept] = deque()
         self._swing, self._seconds = self._stop_velocity**2, 1
         self._stamp_ns = self._due_ns = 0
-        self._state: NavState = (0.0,) * 12
+        self._state: NavState = NavState(*(0.0,) * 12)
         self.count += 1
 
     @property

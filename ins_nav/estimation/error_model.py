@@ -212,9 +212,9 @@ class ErrorModel:
         vx, vy, vz = state[4:7]
         nx, ny, nz = rotate(back, vx - du, vy - dv, vz - dw)
         moved = nav_state.corrected(state, (-dx, -dy, -dz), (nx - vx, ny - vy, nz - vz if self.vertical else 0.0))
-        q = multiply(back, moved[0:4])  # type: ignore[arg-type]
+        q = multiply(back, moved[0:4])
         return (
-            (*q, *moved[4:]),
+            NavState(*q, *moved[4:]),
             (gyro_bias[0] - g1, gyro_bias[1] - g2, gyro_bias[2] - g3),
             (accel_bias[0] - a1, accel_bias[1] - a2, accel_bias[2] - a3),
         )

@@ -1,12 +1,5 @@
 """The navigation state: attitude, velocity, position, and what a user reads off them.
 
-A state is a plain tuple of `STATE_SIZE` floats::
-
-    q_nb (x, y, z, w)   body (FLU) to n
-    v_n  (x, y, z)      velocity relative to the Earth, m/s
-    q_en (x, y, z, w)   n to Earth-fixed axes: position and azimuth of the frame in one
-    height              above the ellipsoid, m
-
 The navigation frame n is horizontal, its z axis up, free in azimuth: see `ins_nav.mechanization.strapdown`.
 
 References
@@ -17,6 +10,7 @@ References
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from scipy.spatial.transform import Rotation
 
@@ -30,8 +24,39 @@ from ins_nav.mechanization.earth import (
     principal_radii,
 )
 
-STATE_SIZE = 12
-NavState = tuple[float, ...]
+
+class NavState(NamedTuple):
+    """Attitude, velocity and position of the body.
+
+    Slices are the quaternions and the velocity: ``state[0:4]``, ``state[4:7]``, ``state[7:11]``.
+
+    Attributes
+    ----------
+    q_nb_x, q_nb_y, q_nb_z, q_nb_w : float
+        Body (FLU) to n.
+    v_x, v_y, v_z : float
+        Velocity relative to the Earth on n, m/s.
+    q_en_x, q_en_y, q_en_z, q_en_w : float
+        n to Earth-fixed axes: position and azimuth of the frame in one.
+    height : float
+        Above the ellipsoid, m.
+    """
+
+    q_nb_x: float
+    q_nb_y: float
+    q_nb_z: float
+    q_nb_w: float
+    v_x: float
+    v_y: float
+    v_z: float
+    q_en_x: float
+    q_en_y: float
+    q_en_z: float
+    q_en_w: float
+    height: float
+
+
+STATE_SIZE = len(NavState._fields)
 
 
 def initial_state(
@@ -55,7 +80,7 @@ def initial_state(
         Body to east-north-up.
     """
     q_en = Rotation.from_matrix(enu_axes(lat, lon)).as_quat()
-    return (*map(float, q_gb), *map(float, velocity_g), *map(float, q_en), float(height))
+    return NavState(*map(float, (*q_gb, *velocity_g, *q_en, height)))
 
 
 def corrected(
@@ -88,9 +113,9 @@ def corrected(
     along = k * (rx * dx + ry * dy)
     turn = from_rotation_vector(-(dy / r_n + along * ry), dx / r_n + along * rx, 0.0)
     q_en = attitude.normalized(multiply((ex, ey, ez, ew), turn))
-    q_nb = attitude.normalized(multiply(from_rotation_vector(*rotation), state[0:4]))  # type: ignore[arg-type]
+    q_nb = attitude.normalized(multiply(from_rotation_vector(*rotation), state[0:4]))
     vx, vy, vz = state[4:7]
-    return (*q_nb, vx + velocity[0], vy + velocity[1], vz + velocity[2], *q_en, height + dz)
+    return NavState(*q_nb, vx + velocity[0], vy + velocity[1], vz + velocity[2], *q_en, height + dz)
 
 
 def heading_change(before: NavState, after: NavState) -> float:
@@ -171,12 +196,12 @@ class MapFrame:
         """Body to map of a state."""
         q_en = state[7:11]
         q_nb = state[0:4]
-        return multiply(multiply(self._q_me, q_en), q_nb)  # type: ignore[arg-type]
+        return multiply(multiply(self._q_me, q_en), q_nb)
 
 
 def velocity_body(state: NavState) -> tuple[float, float, float]:
     """Velocity relative to the Earth on body axes, m/s."""
-    return rotate(attitude.conjugate(state[0:4]), *state[4:7])  # type: ignore[arg-type]
+    return rotate(attitude.conjugate(state[0:4]), *state[4:7])
 
 
 def earth_rate_body(state: NavState) -> tuple[float, float, float]:

@@ -4,13 +4,6 @@ The navigation frame n is horizontal, its z axis up, free in azimuth: it does no
 relative to the Earth (the frame Mx of the alignment paper). Nothing here divides by cos(latitude), so the
 poles are places like any other. Its azimuth ``chi`` against east-north-up is read off the position matrix.
 
-A state is a plain tuple of `STATE_SIZE` floats::
-
-    q_nb (x, y, z, w)   body (FLU) to n
-    v_n  (x, y, z)      velocity relative to the Earth, m/s
-    q_en (x, y, z, w)   n to Earth-fixed axes: position and azimuth of the frame in one
-    height              above the ellipsoid, m
-
 `step` is the only implementation. A live node calls it as it is; `integrate` runs the same function, compiled
 by numba, over a recording.
 
@@ -22,15 +15,13 @@ References
        navigation in the free-azimuth frame.
 """
 
-import functools
 import math
-import types
-from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ins_nav.mechanization.attitude import from_rotation_vector, multiply, rotate
+from ins_nav.mechanization.compiled import compiled
 from ins_nav.mechanization.earth import (
     ECCENTRICITY_SQUARED,
     NORTH_GRAVITY_PER_METRE,
@@ -166,13 +157,13 @@ def advance(state, h, rotation_x, rotation_y, rotation_z, velocity_x, velocity_y
     scale = 1.5 - 0.5 * (nex * nex + ney * ney + nez * nez + new * new)
 
     q = multiply((qx, qy, qz, qw), from_rotation_vector(rotation_x, rotation_y, rotation_z))
-    q = multiply(from_rotation_vector(h * (py - ox), -h * (px + oy), -h * oz), q)
-    unit = 1.5 - 0.5 * (q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
-    return (
-        unit * q[0],
-        unit * q[1],
-        unit * q[2],
-        unit * q[3],
+    qx, qy, qz, qw = multiply(from_rotation_vector(h * (py - ox), -h * (px + oy), -h * oz), q)
+    unit = 1.5 - 0.5 * (qx * qx + qy * qy + qz * qz + qw * qw)
+    return NavState(
+        unit * qx,
+        unit * qy,
+        unit * qz,
+        unit * qw,
         nvx,
         nvy,
         nvz,
@@ -212,7 +203,7 @@ def step(state, previous, sample, instantaneous, vertical):
     else:
         change = 2.0 * h / (h0 + h)
         mx, my, mz, nx, ny, nz = wx, wy, wz, fx, fy, fz
-    r = compensated_increments(
+    rx, ry, rz, ux, uy, uz = compensated_increments(
         h,
         mx,
         my,
@@ -227,41 +218,46 @@ def step(state, previous, sample, instantaneous, vertical):
         change * (fy - by),
         change * (fz - bz),
     )
-    return advance(state, h, r[0], r[1], r[2], r[3], r[4], r[5], vertical)
+    return advance(state, h, rx, ry, rz, ux, uy, uz, vertical)
 
 
-def _integrate_all(step, state, previous, samples, instantaneous, vertical, states):
+def without_bias(sample, gyro_bias, accel_bias):
+    """A sample, biases removed.
+
+    Parameters
+    ----------
+    sample : Sample
+    gyro_bias, accel_bias : 3 floats
+        rad/s and m/s².
+    """
+    h, wx, wy, wz, fx, fy, fz = sample
+    gx, gy, gz = gyro_bias
+    ax, ay, az = accel_bias
+    return h, wx - gx, wy - gy, wz - gz, fx - ax, fy - ay, fz - az
+
+
+def _integrate(state, previous, samples, gyro_bias, accel_bias, instantaneous, vertical, states):
+    previous = without_bias(previous, gyro_bias, accel_bias)
     for i in range(len(samples)):
-        s = samples[i]
-        sample = (s[0], s[1], s[2], s[3], s[4], s[5], s[6])
+        h, wx, wy, wz, fx, fy, fz = samples[i]
+        sample = without_bias((h, wx, wy, wz, fx, fy, fz), gyro_bias, accel_bias)
         state = step(state, previous, sample, instantaneous, vertical)
         previous = sample
-        for j in range(12):
+        for j in range(len(state)):
             states[i, j] = state[j]
-
-
-@functools.cache
-def compiled(function: Callable) -> Callable:
-    """The function compiled by numba, together with the plain functions of this package that it calls."""
-    import numba
-
-    names = {
-        name: compiled(value)
-        for name, value in function.__globals__.items()
-        if name in function.__code__.co_names and isinstance(value, types.FunctionType)
-    }
-    return numba.njit(types.FunctionType(function.__code__, function.__globals__ | names, function.__name__))
 
 
 def integrate(
     state: NavState,
     previous: Sample,
     samples: NDArray[np.float64],
+    gyro_bias: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    accel_bias: tuple[float, float, float] = (0.0, 0.0, 0.0),
     *,
     instantaneous: bool = False,
     vertical: bool = True,
 ) -> NDArray[np.float64]:
-    """Run `step` over a recording.
+    """Run `step` over a block of samples, or a whole recording, compiled.
 
     Parameters
     ----------
@@ -270,7 +266,9 @@ def integrate(
     previous : Sample
         The sample before the first; where there is none, the first itself.
     samples : ndarray, shape (n, 7)
-        Interval, angular rate, specific force a row.
+        Interval, angular rate, specific force a row, biases still in it.
+    gyro_bias, accel_bias : 3 floats
+        Removed from ``previous`` and the samples, rad/s and m/s².
     instantaneous, vertical : bool
         As in `step`.
 
@@ -281,7 +279,7 @@ def integrate(
     """
     samples = np.ascontiguousarray(samples, dtype=float)
     states = np.empty((len(samples), STATE_SIZE))
-    floats = tuple(float(x) for x in state)
-    before = tuple(float(x) for x in previous)
-    compiled(_integrate_all)(compiled(step), floats, before, samples, instantaneous, vertical, states)
+    compiled(_integrate)(
+        NavState._make(state), previous, samples, gyro_bias, accel_bias, instantaneous, vertical, states
+    )
     return states

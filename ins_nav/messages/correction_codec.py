@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from ins_nav.estimation.state_layout import SOLUTION_SIZE
+from ins_nav.mechanization.nav_state import NavState
 from ins_nav.messages.stamps import NS
 from ins_nav.navigator.correction import Correction
 
@@ -56,7 +57,7 @@ def read_feedback(message: Any) -> Correction | None:
     return Correction(
         stamp,
         apply,
-        state,
+        NavState(*state),
         parts["gyro_bias"],  # type: ignore[arg-type]
         parts["accel_bias"],  # type: ignore[arg-type]
         covariance,

@@ -188,7 +188,7 @@ class StationaryUpdates:
         stddev = self._sway()
 
         def make(solution: Solution) -> Measurement:
-            mean = solution._replace(state=(*solution.state[:4], x, y, z, *solution.state[7:]))
+            mean = solution._replace(state=solution.state._replace(v_x=x, v_y=y, v_z=z))
             return ZeroVelocity().measure(mean, stddev)
 
         return "zero velocity", make

@@ -244,14 +244,17 @@ def _random_samples(count: int) -> np.ndarray:
 @pytest.mark.parametrize("instantaneous", [False, True])
 @pytest.mark.parametrize("vertical", [False, True])
 def test_integrate_is_step_after_step(instantaneous: bool, vertical: bool) -> None:
-    """One function, run by Python and compiled, over irregular intervals."""
+    """One function, run by Python and compiled, over irregular intervals; biases removed from every sample."""
     samples = _random_samples(2000)
+    biases = (1e-3, -2e-3, 3e-3), (0.01, 0.02, -0.03)
     state = nav_state.initial_state(1.0, 0.5, 100.0, (3.0, 4.0, 0.0), attitude.from_euler(0.1, -0.2, 2.0))
-    states = strapdown.integrate(state, tuple(samples[0]), samples[1:], instantaneous=instantaneous, vertical=vertical)
-    previous = tuple(samples[0].tolist())
+    first = tuple(samples[0].tolist())
+    states = strapdown.integrate(state, first, samples[1:], *biases, instantaneous=instantaneous, vertical=vertical)
+    previous = strapdown.without_bias(first, *biases)
     for i, row in enumerate(samples[1:].tolist()):
-        state = strapdown.step(state, previous, tuple(row), instantaneous, vertical)
-        previous = tuple(row)
+        sample = strapdown.without_bias(row, *biases)
+        state = strapdown.step(state, previous, sample, instantaneous, vertical)
+        previous = sample
         # the compiler may order additions differently: rounding only
         np.testing.assert_allclose(states[i], state, rtol=1e-11, atol=1e-13)
     assert len(state) == nav_state.STATE_SIZE
