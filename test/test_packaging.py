@@ -56,6 +56,12 @@ def test_manifest_and_setup_ask_for_the_same_projects() -> None:
     assert from_rosdep == {KEYS.get(name, f"python3-{name}") for name in from_pypi}
 
 
+def test_annotations_are_installed() -> None:
+    """PEP 561: without the marker, type checkers ignore the annotations of an installed package."""
+    assert "py.typed" in setup_arguments()["package_data"]["ins_nav"]
+    assert (ROOT / "ins_nav" / "py.typed").is_file()
+
+
 @pytest.mark.parametrize("command", sorted(entry_points()))
 def test_entry_point_is_defined(command: str) -> None:
     module, function = entry_points()[command].split(":")

@@ -211,7 +211,8 @@ class TrendNoise:
         projected = linalg.cho_solve(self._factor, gain)
         projected -= self._weighted @ (self._trend_covariance @ (self._weighted.T @ gain))
         jolts = projected.T @ series
-        return (jolts**2).mean(axis=1) + variance - (gain * projected).sum(axis=0)
+        energy: Array = (jolts**2).mean(axis=1) + variance - (gain * projected).sum(axis=0)
+        return energy
 
     def fit(self, series: Array) -> TrendFit:
         """Generalized least squares for the trend; the end by kriging of the random walk."""
@@ -314,7 +315,8 @@ def _swell(time: Array, frequency: float, bandwidth: float) -> Array:
 def _differenced(covariance: Array) -> Array:
     """From covariances by lag, shape (..., n + 1), to those of the differences, shape (..., n)."""
     mirrored = np.concatenate([covariance[..., 1:2], covariance], axis=-1)
-    return 2.0 * mirrored[..., 1:-1] - mirrored[..., :-2] - mirrored[..., 2:]
+    differenced: Array = 2.0 * mirrored[..., 1:-1] - mirrored[..., :-2] - mirrored[..., 2:]
+    return differenced
 
 
 def _derivatives(time: Array, parameters: Array, jolt_scale: Array) -> list[Array]:
@@ -376,13 +378,14 @@ class _Likelihood:
         quiet = np.log(parameters * [1.0, 1.0, _QUIET, _QUIET])
         n, span = len(self._time), self._time[-1] - self._time[0]
         highest = math.pi * n / span
-        trials = []
+        trials: list[Array] = []
         for frequency in np.geomspace(highest / n, 0.9 * highest, _SWELL_FREQUENCIES):
             for share in _SWELL_BANDWIDTHS:
                 lags = _differenced(_swell(self._time, frequency, share * frequency)[0])
                 swell = [self._variance / lags[0], frequency, share * frequency]
                 trials.append(np.concatenate([quiet, np.log(swell)]))
-        return np.exp(min(trials, key=lambda trial: self._value(trial)[0]))
+        best = min(trials, key=lambda trial: self._value(trial)[0])
+        return np.asarray(np.exp(best))
 
     def _climb(self, q: Array, low: Array, high: Array) -> tuple[float, Array]:
         """Newton's method within bounds, damped after Marquardt, with the average information ([5]_)."""

@@ -135,7 +135,7 @@ class ErrorFilter:
         (a, b), (_, c) = self.p[HORIZONTAL_VELOCITY, HORIZONTAL_VELOCITY].tolist()
         x, y = state[4:6]
         # v' P^-1 v > limit, written without the division
-        return c * x * x - 2.0 * b * x * y + a * y * y > _TRAVEL * max(0.0, a * c - b * b)
+        return bool(c * x * x - 2.0 * b * x * y + a * y * y > _TRAVEL * max(0.0, a * c - b * b))
 
     @property
     def turn(self) -> float:

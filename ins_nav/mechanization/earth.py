@@ -10,8 +10,12 @@ References
 .. [2] NIMA TR8350.2, "Department of Defense World Geodetic System 1984", 3rd edition.
 """
 
+from typing import TypeVar
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+Number = TypeVar("Number", float, NDArray[np.float64])
 
 RATE = 7.292115e-5
 """Rotation rate, rad/s."""
@@ -33,7 +37,7 @@ NORTH_GRAVITY_PER_METRE = -8.08e-9
 """North component of normal gravity, per metre of height and per sin 2φ, 1/s² ([1]_, 2.140)."""
 
 
-def principal_radii(sin_lat):
+def principal_radii(sin_lat: Number) -> tuple[Number, Number]:
     """Radii of curvature of the ellipsoid.
 
     Parameters
@@ -51,7 +55,7 @@ def principal_radii(sin_lat):
     return prime_vertical * (1.0 - ECCENTRICITY_SQUARED) / x, prime_vertical
 
 
-def normal_gravity(sin_lat, height):
+def normal_gravity(sin_lat: Number, height: Number) -> Number:
     """Magnitude of normal gravity along the vertical, m/s².
 
     Somigliana's formula on the ellipsoid, second-order series in height ([2]_, 4-3; [1]_, 2.134 and 2.139).
@@ -64,7 +68,7 @@ def normal_gravity(sin_lat, height):
         Ellipsoidal height, m.
     """
     s2 = sin_lat * sin_lat
-    on_ellipsoid = EQUATORIAL_GRAVITY * (1.0 + SOMIGLIANA * s2) / (1.0 - ECCENTRICITY_SQUARED * s2) ** 0.5
+    on_ellipsoid: Number = EQUATORIAL_GRAVITY * (1.0 + SOMIGLIANA * s2) / (1.0 - ECCENTRICITY_SQUARED * s2) ** 0.5
     h = height / SEMI_MAJOR_AXIS
     return on_ellipsoid * (1.0 - 2.0 * (1.0 + FLATTENING + CENTRIFUGAL_RATIO - 2.0 * FLATTENING * s2) * h + 3.0 * h * h)
 

@@ -14,4 +14,5 @@ def set_stamp(message: Any, stamp_ns: int) -> None:
 def stamp_of(message: Any) -> int:
     """Header stamp as ns since the epoch."""
     stamp = message.header.stamp
-    return stamp.sec * NS + stamp.nanosec
+    stamp_ns: int = stamp.sec * NS + stamp.nanosec
+    return stamp_ns

@@ -331,7 +331,7 @@ class StopDetector:
         blocks = np.array(self._blocks)[1:]
         mean = blocks.sum(axis=0) / n
         blocks -= mean
-        spread = (blocks * blocks).sum(axis=0)
+        spread: NDArray[np.float64] = (blocks * blocks).sum(axis=0)
         rate2, force2 = gyro * gyro + limits.sway**2, accel * accel + limits.vibration**2
         wx, wy, wz, fx, fy, fz = spread.tolist()
         offset, variance = self._reckoning.rate_offset(mean[:3])
