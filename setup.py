@@ -19,6 +19,7 @@ setup(
     maintainer_email="maintainers@ins-nav.example",
     license="Apache-2.0",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
+    package_data={NAME: ["py.typed"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
@@ -26,7 +27,7 @@ setup(
         (f"share/{NAME}/launch", sorted(glob("launch/*.launch.py"))),
     ],
     options={"develop": {"script_dir": sysconfig.get_path("scripts")}} if OLD_PIP else {},
-    zip_safe=True,
+    zip_safe=False,
     python_requires=">=3.11",
     install_requires=[
         "matplotlib>=3.6",
@@ -55,14 +56,14 @@ setup(
     },
     entry_points={
         "console_scripts": [
-            "alignment_node = ins_nav.nodes.alignment_node:main",
-            "bag_player = ins_nav.nodes.bag_player:main",
-            "ins_node = ins_nav.nodes.ins_node:main",
+            "alignment_node = ins_nav.nodes.commands:alignment_node",
+            "bag_player = ins_nav.nodes.commands:bag_player",
+            "ins_node = ins_nav.nodes.commands:ins_node",
             "ins_process = ins_nav.cli.process:main",
             "ins_report = ins_nav.cli.report:main",
             "ins_simulate = ins_nav.cli.simulate:main",
-            "ins_system = ins_nav.nodes.ins_system:main",
-            "stop_detector_node = ins_nav.nodes.stop_detector_node:main",
+            "ins_system = ins_nav.nodes.commands:ins_system",
+            "stop_detector_node = ins_nav.nodes.commands:stop_detector_node",
         ],
     },
 )

@@ -8,7 +8,7 @@ import numpy as np
 from demo.recorder import Recorder, latency_ms
 from ins_nav.messages.stamps import stamp_of
 from ins_nav.nodes.runtime import init, spin
-from ins_nav.recordings.bags import TYPES
+from ins_nav.recordings.bags import typestore
 
 
 def main() -> None:
@@ -16,8 +16,10 @@ def main() -> None:
     recorder = Recorder()
     spin(recorder)
     samples, solutions = (recorder.received[topic] for topic in ("imu/data_raw", "odometry"))
-    stamps = [stamp_of(TYPES.deserialize_cdr(data, "nav_msgs/msg/Odometry")) for _, data in solutions]
-    last: Any = TYPES.deserialize_cdr(recorder.received["/diagnostics"][-1][1], "diagnostic_msgs/msg/DiagnosticArray")
+    stamps = [stamp_of(typestore().deserialize_cdr(data, "nav_msgs/msg/Odometry")) for _, data in solutions]
+    last: Any = typestore().deserialize_cdr(
+        recorder.received["/diagnostics"][-1][1], "diagnostic_msgs/msg/DiagnosticArray"
+    )
     delays = latency_ms(samples, solutions)
     result = {
         "diagnostics": {item.key: item.value for item in last.status[0].values},

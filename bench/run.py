@@ -10,6 +10,7 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
+import ins_nav.cli  # noqa: F401  # one BLAS thread, before numpy
 from ins_nav.errors import InsNavError, for_people
 from ins_nav.recordings.bags import suggestion
 

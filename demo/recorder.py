@@ -17,7 +17,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from ins_nav.nodes.runtime import init, message_class, spin
-from ins_nav.recordings.bags import TYPES, BagWriter
+from ins_nav.recordings.bags import BagWriter, typestore
 
 _TYPES = {
     "imu/data_raw": "sensor_msgs/msg/Imu",
@@ -68,7 +68,7 @@ class Recorder(Node):
             keep((now(), data))
             if not self._closed.is_set():
                 return
-            message: Any = TYPES.deserialize_cdr(data, _TYPES["/diagnostics"])
+            message: Any = typestore().deserialize_cdr(data, _TYPES["/diagnostics"])
             self._last_ones.update(status.name for status in message.status)
             # the first may tell of a moment before the last sample
             if sum(count >= 2 for count in self._last_ones.values()) >= self._nodes:

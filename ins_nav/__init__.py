@@ -1,8 +1,7 @@
-"""Inertial navigation for ROS 2: mechanization, alignment, calibration at stops."""
+"""Inertial navigation for ROS 2: mechanization, alignment, calibration at stops, aided navigation.
 
-import os
+Folders are layers: each imports from those below it only (README, "How it is built"; ``[importlinter]`` in setup.cfg).
+Start with `ins_nav.mechanization`, then `ins_nav.navigator`.
+"""
 
 __version__ = "0.1.0"
-
-# Matrices here are small: BLAS threads only make them wait for busy cores, a hundredfold in the worst case
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

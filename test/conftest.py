@@ -1,8 +1,8 @@
-"""Loaded before the tests import numpy: `ins_nav` limits BLAS to one thread, which numpy asks once."""
+"""Loaded before the tests import numpy: the commands limit BLAS to one thread, which numpy asks for once."""
 
 import pytest
 
-import ins_nav  # noqa: F401
+import ins_nav.cli  # noqa: F401
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -31,7 +31,7 @@ from typing import Any, NamedTuple, Self
 import pytest
 
 import ins_nav
-from ins_nav.recordings.bags import TYPES, absolute
+from ins_nav.recordings.bags import absolute, typestore
 
 needs_ros = pytest.mark.skipif(find_spec("rclpy") is None, reason="rclpy is not installed")
 
@@ -208,7 +208,7 @@ class Listener:
             if topic == "":
                 self._answers.append(content)
             else:
-                message = TYPES.deserialize_cdr(content, self._types[topic])
+                message = typestore().deserialize_cdr(content, self._types[topic])
                 self._received[topic].append(Received(received_ns, message))
 
 

@@ -6,8 +6,6 @@ import sys
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
-from tqdm import tqdm
-
 from ins_nav.config.parameters import beacon_names, parse_assignment, read_file
 from ins_nav.errors import InsNavError, for_people
 from ins_nav.messages import diagnostics, inputs
@@ -188,6 +186,8 @@ def _with_progress(
     reader: BagReader, raw_messages: Iterable[RawMessage], navigator: RealtimeNavigator, aided: DelayedNavigator | None
 ) -> Iterator[RawMessage]:
     """The messages, with a bar over the recording's time; the navigators' reports are printed above it."""
+    from tqdm import tqdm
+
     duration = (reader.end_ns - reader.start_ns) / _SECOND
     layout = "{l_bar}{bar}| {n:.0f}/{total:.0f} s [{elapsed}<{remaining}{postfix}]"
     with tqdm(total=duration, disable=None, bar_format=layout) as bar:

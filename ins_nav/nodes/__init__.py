@@ -1,8 +1,9 @@
-"""ROS 2 at the edge: nodes translate messages and call the core."""
+"""ROS 2 nodes: they translate messages, parameters and services, and call the core; nothing is computed here.
 
-import sys
+Top layer beside `ins_nav.cli`, and the only folder that imports rclpy. Start with `ins_nav.nodes.ins_node`.
+"""
 
-try:
-    import rclpy  # noqa: F401
-except ModuleNotFoundError:
-    sys.exit("ins_nav: rclpy is missing; source /opt/ros/jazzy/setup.bash, or pip install 'ins_nav[jazzy]'")
+import os
+
+# Before numpy: matrices here are small, and BLAS threads that wait for busy cores cost up to a hundredfold.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

@@ -6,6 +6,7 @@ can be read, and then raises `DamagedBagError`.
 """
 
 import difflib
+import functools
 import heapq
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack
@@ -40,8 +41,6 @@ from ins_nav.recordings.sqlite_recovery import RecoveredSqlite
 
 Source = Reader | RecoveredMcap | RecoveredSqlite
 
-TYPES: Typestore = get_typestore(Stores.ROS2_JAZZY)
-
 _RECOVERY: dict[str, type[RecoveredMcap] | type[RecoveredSqlite]] = {".mcap": RecoveredMcap, ".db3": RecoveredSqlite}
 _ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"  # no CDR message begins so
 _FOREVER = QosTime(9223372036, 854775807)  # rmw's "infinite"
@@ -56,6 +55,12 @@ _LATCHED = Qos(
     _FOREVER,
     False,
 )
+
+
+@functools.cache
+def typestore() -> Typestore:
+    """The message types of ROS 2 Jazzy."""
+    return get_typestore(Stores.ROS2_JAZZY)
 
 
 class BagError(InsNavError):
@@ -104,26 +109,26 @@ def message(msgtype: str, **fields: Any) -> Any:
     InsNavError
         If the type or a field is unknown.
     """
-    if msgtype not in TYPES.fielddefs:
+    if msgtype not in typestore().fielddefs:
         raise InsNavError(f"unknown message type {msgtype!r}{_type_hint(msgtype)}")
     values = {}
-    for name, (kind, detail) in TYPES.fielddefs[msgtype][1]:
+    for name, (kind, detail) in typestore().fielddefs[msgtype][1]:
         values[name] = fields.pop(name) if name in fields else _zero(kind, detail)
     if fields:
         name = next(iter(fields))
         raise InsNavError(f"{msgtype} has no field {name!r}{suggestion(name, values)}")
-    return TYPES.types[msgtype](**values)
+    return typestore().types[msgtype](**values)
 
 
 def header(stamp_ns: int, frame_id: str) -> Any:
     """std_msgs/Header with a stamp in ns since the epoch."""
     sec, nanosec = divmod(stamp_ns, 1_000_000_000)
-    stamp = TYPES.types["builtin_interfaces/msg/Time"](sec=sec, nanosec=nanosec)
-    return TYPES.types["std_msgs/msg/Header"](stamp=stamp, frame_id=frame_id)
+    stamp = typestore().types["builtin_interfaces/msg/Time"](sec=sec, nanosec=nanosec)
+    return typestore().types["std_msgs/msg/Header"](stamp=stamp, frame_id=frame_id)
 
 
 def _type_hint(msgtype: str) -> str:
-    close = difflib.get_close_matches(msgtype, TYPES.fielddefs, n=1)
+    close = difflib.get_close_matches(msgtype, typestore().fielddefs, n=1)
     return f" (did you mean {close[0]}?)" if close else "; expected the form sensor_msgs/msg/Imu"
 
 
@@ -330,9 +335,9 @@ class BagReader:
         connections = (c for source in self._sources for c in source.connections)
         definition = next((c.msgdef for c in connections if c.msgtype == msgtype and c.msgdef.data), None)
         if definition is None:
-            if msgtype not in TYPES.fielddefs:
+            if msgtype not in typestore().fielddefs:
                 raise BagError(f"{self.path}: has no definition of {msgtype}, and Jazzy's common interfaces have none")
-            return TYPES
+            return typestore()
         try:
             if definition.format == MessageDefinitionFormat.MSG:
                 types = get_types_from_msg(definition.data, msgtype)
@@ -340,8 +345,8 @@ class BagReader:
                 types = get_types_from_idl(definition.data)
         except TypesysError as error:
             raise BagError(f"{self.path}: its definition of {msgtype} cannot be read: {error}") from error
-        if all(TYPES.fielddefs.get(name) == fields for name, fields in types.items()):
-            return TYPES
+        if all(typestore().fielddefs.get(name) == fields for name, fields in types.items()):
+            return typestore()
         store = get_typestore(Stores.EMPTY)
         store.register(types)
         return store
@@ -405,18 +410,18 @@ class BagWriter:
     def add_topic(self, topic: str, msgtype: str, latched: bool = False) -> None:
         """Make a topic known before its first message; latched offers it as transient local, depth 1."""
         name = absolute(topic)
-        if msgtype not in TYPES.fielddefs:
+        if msgtype not in typestore().fielddefs:
             raise BagError(f"{self.path}: unknown message type {msgtype!r} for {name}{_type_hint(msgtype)}")
         if name in self._connections:
             raise BagError(f"{self.path}: topic {name} was added before")
         self._connections[name] = self._writer.add_connection(
-            name, msgtype, typestore=TYPES, offered_qos_profiles=[_LATCHED] if latched else []
+            name, msgtype, typestore=typestore(), offered_qos_profiles=[_LATCHED] if latched else []
         )
 
     def write(self, topic: str, msgtype: str, message: Any, stamp_ns: int) -> None:
         """Write a message of the Jazzy type store (see `message`)."""
         try:
-            data = TYPES.serialize_cdr(message, msgtype)
+            data = typestore().serialize_cdr(message, msgtype)
         except Exception as error:  # a field of a wrong type can raise anything in the serializer
             raise BagError(f"{self.path}: cannot write {type(message).__name__} as {msgtype}: {error}") from error
         self.write_raw(topic, msgtype, data, stamp_ns)

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
-from tqdm import tqdm
 
 from ins_nav.errors import InsNavError
 from ins_nav.mechanization import earth
@@ -133,7 +132,7 @@ class Track:
 def gaps(stamps_ns: Stamps) -> NDArray[np.bool_]:
     """Which of the n - 1 intervals of a series are too long to join its ends."""
     intervals = np.diff(stamps_ns)
-    return intervals > _GAP * np.median(intervals)
+    return np.asarray(intervals > _GAP * np.median(intervals))
 
 
 def covered(stamps_ns: Stamps, at_ns: Stamps) -> NDArray[np.bool_]:
@@ -153,7 +152,7 @@ def covered(stamps_ns: Stamps, at_ns: Stamps) -> NDArray[np.bool_]:
     after = np.clip(np.searchsorted(stamps_ns, at_ns), 1, len(stamps_ns) - 1)
     inside = (at_ns >= stamps_ns[0]) & (at_ns <= stamps_ns[-1])
     exact = (stamps_ns[after] == at_ns) | (stamps_ns[after - 1] == at_ns)
-    return inside & (exact | ~gaps(stamps_ns)[after - 1])
+    return np.asarray(inside & (exact | ~gaps(stamps_ns)[after - 1]))
 
 
 def interpolated(stamps_ns: Stamps, values: Array, at_ns: Stamps) -> Array:
@@ -300,6 +299,8 @@ def _check_type(bag: BagReader, topic: str, msgtype: str) -> None:
 
 def _read(bag: BagReader, topics: Mapping[str, str]) -> tuple[dict[str, _Rows], str]:
     """The rows of each topic, and what is wrong with the bag."""
+    from tqdm import tqdm
+
     for topic, msgtype in topics.items():
         _check_type(bag, topic, msgtype)
     rows = {topic: _Rows() for topic in topics}
@@ -352,4 +353,4 @@ def _velocities(rows: _Rows, attitude: Attitudes | None) -> Velocities | None:
 
 
 def _seconds(stamps_ns: Stamps, start_ns: Any) -> Array:
-    return (stamps_ns - start_ns) * 1e-9
+    return np.asarray((stamps_ns - start_ns) * 1e-9)

@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
-from tqdm import tqdm
 
 from ins_nav.mechanization import earth
-from ins_nav.recordings.bags import TYPES, BagWriter, header, message
+from ins_nav.recordings.bags import BagWriter, header, message, typestore
 from ins_nav.simulation.aids import GaugeReadings, RangeReadings, SimulatedAids
 from ins_nav.simulation.motion import Array
 from ins_nav.simulation.scenarios import Simulation
@@ -66,6 +65,8 @@ def write_bag(simulation: Simulation, path: str | Path, overwrite: bool = False,
     BagError
         If the bag cannot be written.
     """
+    from tqdm import tqdm
+
     s, t = simulation, simulation.trajectory
     step = max(1, round(s.parameters["rate"] / s.parameters["truth.rate"]))
     truth = np.arange(step, len(t.time), step)
@@ -103,7 +104,7 @@ def _named(topic: str, msgtype: str, stream: Stream) -> Iterator[tuple[str, str,
 
 def _measured_imu(s: Simulation) -> Stream:
     dt = s.trajectory.interval
-    make = TYPES.types[_IMU]
+    make = typestore().types[_IMU]
     unknown = _quaternion((0.0, 0.0, 0.0, 1.0))
     no_orientation = np.array([-1.0] + [0.0] * 8)
     rate_covariance = np.eye(3).ravel() * s.errors.gyro.noise_stddev(dt) ** 2
@@ -124,7 +125,7 @@ def _measured_imu(s: Simulation) -> Stream:
 
 
 def _true_imu(stamps_ns: NDArray[np.int64], t: Trajectory, index: NDArray[np.int64]) -> Stream:
-    make, exact = TYPES.types[_IMU], np.zeros(9)
+    make, exact = typestore().types[_IMU], np.zeros(9)
     for stamp, q, rate, force in _rows(stamps_ns, t.q_nb[index], t.rate[index], t.specific_force[index]):
         yield (
             stamp,
@@ -140,7 +141,7 @@ def _true_odometry(stamps_ns: NDArray[np.int64], t: Trajectory, index: NDArray[n
     orientation = (map_from_e * body).as_quat()
     velocity = body.inv().apply(t.velocity_e[index])
     rate = t.rate[index] - body.inv().apply([0.0, 0.0, earth.RATE])
-    types = TYPES.types
+    types = typestore().types
     for stamp, r, q, v, w in _rows(stamps_ns, position, orientation, velocity, rate):
         msg = message(_ODOMETRY, header=header(stamp, "map"), child_frame_id="base_link")
         msg.pose.pose = types["geometry_msgs/msg/Pose"](types["geometry_msgs/msg/Point"](*r), _quaternion(q))
@@ -158,7 +159,7 @@ def _fixes(
 ) -> Stream:
     covariance = np.diag(np.square(stddev)).ravel()
     status = message("sensor_msgs/msg/NavSatStatus", service=1)
-    make = TYPES.types[_FIX]
+    make = typestore().types[_FIX]
     for stamp, lat_deg, lon_deg, h in _rows(stamps_ns, np.degrees(lat), np.degrees(lon), height):
         yield stamp, make(header(stamp, frame_id), status, lat_deg, lon_deg, h, covariance, _DIAGONAL_KNOWN)
 
@@ -200,7 +201,7 @@ def _depths(depth: GaugeReadings) -> Stream:
 
 
 def _pressures(pressure: GaugeReadings) -> Stream:
-    make, variance = TYPES.types[_PRESSURE], pressure.stddev**2
+    make, variance = typestore().types[_PRESSURE], pressure.stddev**2
     for stamp, value in _rows(pressure.stamps_ns, pressure.value):
         yield stamp, make(header(stamp, "pressure_link"), value, variance)
 
@@ -228,8 +229,8 @@ def _rows(*arrays: NDArray[Any]) -> Iterator[Any]:
 
 
 def _vector(v: Any) -> Any:
-    return TYPES.types["geometry_msgs/msg/Vector3"](*v)
+    return typestore().types["geometry_msgs/msg/Vector3"](*v)
 
 
 def _quaternion(q: Any) -> Any:
-    return TYPES.types["geometry_msgs/msg/Quaternion"](*q)
+    return typestore().types["geometry_msgs/msg/Quaternion"](*q)

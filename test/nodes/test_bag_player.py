@@ -8,7 +8,7 @@ from ros_harness import Listener, Ros, needs_ros
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import get_types_from_msg
 
-from ins_nav.recordings.bags import TYPES, BagWriter, header, message
+from ins_nav.recordings.bags import BagWriter, header, message, typestore
 
 pytestmark = needs_ros
 
@@ -161,13 +161,13 @@ def test_what_is_said_of_bad_arguments_and_bags(tmp_path: Path) -> None:
 
 def test_a_type_that_is_not_installed_is_told_and_left_out(tmp_path: Path) -> None:
     msgtype = "no_such_msgs/msg/Thing"
-    types = TYPES.__class__()
+    types = typestore().__class__()
     types.register(get_types_from_msg("float64 value", msgtype))
     with Writer(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         thing = writer.add_connection("/thing", msgtype, typestore=types)
-        stopped = writer.add_connection("/stopped", BOOL, typestore=TYPES)
+        stopped = writer.add_connection("/stopped", BOOL, typestore=typestore())
         writer.write(thing, START_NS, types.serialize_cdr(types.types[msgtype](value=1.0), msgtype))
-        writer.write(stopped, START_NS, TYPES.serialize_cdr(message(BOOL), BOOL))
+        writer.write(stopped, START_NS, typestore().serialize_cdr(message(BOOL), BOOL))
     with Ros(tmp_path) as ros:
         player = ros.start(PLAYER, tmp_path / "bag", "--wait-for-subscribers", "0")
         assert player.wait() == 0

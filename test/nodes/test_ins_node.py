@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from ins_nav.cli.process import main as process
 from ins_nav.messages.stamps import stamp_of
-from ins_nav.recordings.bags import TYPES, BagReader, BagWriter, RawMessage
+from ins_nav.recordings.bags import BagReader, BagWriter, RawMessage, typestore
 from ins_nav.simulation.recording import write_bag
 from ins_nav.simulation.scenarios import simulate
 
@@ -113,10 +113,10 @@ def test_bad_samples_are_told_counted_and_survived(drive: Path, tmp_path: Path) 
     with BagReader(drive) as reader:
         sample = reader.deserialize(messages[imu[start]])
         sample.angular_velocity.y = float("nan")
-        nan = bytes(TYPES.serialize_cdr(sample, IMU))
+        nan = bytes(typestore().serialize_cdr(sample, IMU))
         sample.angular_velocity.y = 0.0
         sample.header.stamp.sec = sample.header.stamp.nanosec = 0
-        unstamped = bytes(TYPES.serialize_cdr(sample, IMU))
+        unstamped = bytes(typestore().serialize_cdr(sample, IMU))
     edited = list(messages)
     edited[imu[start]] = edited[imu[start]]._replace(data=nan)
     edited[imu[start + 50]] = edited[imu[start + 50]]._replace(data=edited[imu[start + 49]].data)

@@ -10,7 +10,16 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, W
 from rosbags.typesys import get_types_from_msg
 
 from ins_nav.errors import InsNavError
-from ins_nav.recordings.bags import TYPES, BagError, BagReader, BagWriter, DamagedBagError, RawMessage, header, message
+from ins_nav.recordings.bags import (
+    BagError,
+    BagReader,
+    BagWriter,
+    DamagedBagError,
+    RawMessage,
+    header,
+    message,
+    typestore,
+)
 
 IMU = "sensor_msgs/msg/Imu"
 FIX = "sensor_msgs/msg/NavSatFix"
@@ -63,7 +72,7 @@ def sqlite(original: list[RawMessage], tmp_path_factory: pytest.TempPathFactory)
     path = tmp_path_factory.mktemp("sqlite") / "bag"
     with Writer(path, version=9, storage_plugin=StoragePlugin.SQLITE3) as writer:
         connections = {
-            raw.topic: writer.add_connection(raw.topic, raw.msgtype, typestore=TYPES) for raw in original[:2]
+            raw.topic: writer.add_connection(raw.topic, raw.msgtype, typestore=typestore()) for raw in original[:2]
         }
         for raw in original:
             writer.write(connections[raw.topic], raw.stamp_ns, raw.data)
@@ -83,7 +92,7 @@ def test_what_was_written_is_read(whole: Path) -> None:
         assert (bag.start_ns, bag.end_ns) == (START_NS, START_NS + 8999 * STEP_NS)
         raws = list(bag.messages(["imu/data_raw"]))
         assert [raw.stamp_ns for raw in raws] == [START_NS + i * STEP_NS for i in range(9000)]
-        assert raws[-1].data == TYPES.serialize_cdr(imu_at(START_NS + 8999 * STEP_NS, 8999), IMU)
+        assert raws[-1].data == typestore().serialize_cdr(imu_at(START_NS + 8999 * STEP_NS, 8999), IMU)
         assert bag.deserialize(raws[-1]).orientation_covariance.tolist() == [8999.0] * 9
         fixes = list(bag.messages(["/gnss/fix"], start_ns=START_NS + 8900 * STEP_NS))
         assert [bag.deserialize(raw).latitude for raw in fixes] == [89.0]
@@ -115,10 +124,10 @@ def test_latched_topics_are_told(tmp_path: Path) -> None:
 
 
 def test_every_type_of_the_store_can_be_made() -> None:
-    for msgtype in TYPES.fielddefs:
+    for msgtype in typestore().fielddefs:
         if "/msg/" in msgtype:
-            data = TYPES.serialize_cdr(message(msgtype), msgtype)
-            assert TYPES.serialize_cdr(TYPES.deserialize_cdr(data, msgtype), msgtype) == data
+            data = typestore().serialize_cdr(message(msgtype), msgtype)
+            assert typestore().serialize_cdr(typestore().deserialize_cdr(data, msgtype), msgtype) == data
 
 
 def test_wrong_type_and_field_names_are_told() -> None:
@@ -166,7 +175,7 @@ class TestOtherRecorders:
         writer = Writer(path, version=9, storage_plugin=plugin)
         writer.set_compression(mode, CompressionFormat.ZSTD)
         with writer:
-            connections = {t: writer.add_connection(f"/{t}", t, typestore=TYPES) for t in (IMU, FIX)}
+            connections = {t: writer.add_connection(f"/{t}", t, typestore=typestore()) for t in (IMU, FIX)}
             for raw in original[:500]:
                 writer.write(connections[raw.msgtype], raw.stamp_ns, raw.data)
         messages, damage = read(path)
@@ -178,7 +187,7 @@ class TestOtherRecorders:
 
     def test_a_type_only_the_bag_knows(self, tmp_path: Path) -> None:
         definition, msgtype = "float64 speed\nstring sensor\n", "some_msgs/msg/Speed"
-        types = TYPES.__class__()
+        types = typestore().__class__()
         types.register(get_types_from_msg(definition, msgtype))
         with Writer(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
             connection = writer.add_connection("/speed", msgtype, typestore=types)
@@ -256,7 +265,7 @@ class TestDamage:
         writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
         with writer:
             connections = {
-                raw.topic: writer.add_connection(raw.topic, raw.msgtype, typestore=TYPES) for raw in original[:2]
+                raw.topic: writer.add_connection(raw.topic, raw.msgtype, typestore=typestore()) for raw in original[:2]
             }
             for raw in original:
                 writer.write(connections[raw.topic], raw.stamp_ns, raw.data)
