@@ -277,7 +277,7 @@ class CovariancePropagation:
             turn[pair, pair] = [[c, -s], [s, c]]
         p = turn @ self.covariance @ turn.T
         accel = p[ACCEL_BIAS, ACCEL_BIAS]
-        rot_gb = rotation_matrix(state[0:4])  # type: ignore[arg-type]
+        rot_gb = rotation_matrix(state[0:4])
         tilt = np.array([-rot_gb[1], rot_gb[0], np.zeros(3)]) / _GRAVITY
         level = max(level_variance - (self._accel_stddev / _GRAVITY) ** 2, 0.0)
         joint = np.zeros_like(p)

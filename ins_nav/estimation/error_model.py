@@ -240,7 +240,7 @@ def _rates(before: NavState, after: NavState, vertical: bool, travels: bool) -> 
     m11, m12, m13 = u1 * v1 - along, u1 * v2, u1 * v3  # (a x u) x v as a matrix times a
     m21, m22, m23 = u2 * v1, u2 * v2 - along, u2 * v3
     m31, m32, m33 = u3 * v1, u3 * v2, u3 * v3 - along
-    c11, c12, c13, c21, c22, c23, c31, c32, c33 = _mean_rotation(before[0:4], after[0:4])  # type: ignore[arg-type]
+    c11, c12, c13, c21, c22, c23, c31, c32, c33 = _mean_rotation(before[0:4], after[0:4])
     t = 1.0 if travels else 0.0
     s = 1.0 if vertical else 0.0
     i = 1.0 / SEMI_MAJOR_AXIS

@@ -23,7 +23,7 @@ def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
     called = {
         name: compiled(value) for name, value in _globals_of(function).items() if isinstance(value, types.FunctionType)
     }
-    twin = types.FunctionType(function.__code__, function.__globals__ | called, function.__name__)  # type: ignore[attr-defined]
+    twin = types.FunctionType(function.__code__, function.__globals__ | called, function.__name__)
     twin.__qualname__ = f"{function.__qualname__}_{_digest(function)}"
     try:
         return numba.njit(cache=True)(twin)
@@ -33,13 +33,13 @@ def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
 
 def _globals_of(function: Callable[..., Any]) -> dict[str, object]:
     """The globals that a function refers to, by name."""
-    known = function.__globals__  # type: ignore[attr-defined]
-    return {name: known[name] for name in function.__code__.co_names if name in known}  # type: ignore[attr-defined]
+    known = function.__globals__
+    return {name: known[name] for name in function.__code__.co_names if name in known}
 
 
 def _digest(function: Callable[..., Any]) -> str:
     """Changes with the code of the function, of the functions it calls, and with their constants."""
-    code = function.__code__  # type: ignore[attr-defined]
+    code = function.__code__
     text = [code.co_code.hex(), repr(code.co_consts), repr(code.co_names)]
     for name, value in _globals_of(function).items():
         if isinstance(value, types.FunctionType):

@@ -109,12 +109,12 @@ class SolutionMessages:
         to_g = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
         self.imu.orientation_covariance[:] = (to_g @ p[ATTITUDE, ATTITUDE] @ to_g.T).ravel()
         self.fix.position_covariance[:] = (to_g @ p[POSITION, POSITION] @ to_g.T).ravel()
-        q_mn = multiply(frame.attitude(state), conjugate(state[0:4]))  # type: ignore[arg-type]
+        q_mn = multiply(frame.attitude(state), conjugate(state[0:4]))
         to_m = error_model.rotation_matrix(q_mn)
         parts = p[np.ix_(POSE, POSE)]
         both = np.kron(np.eye(2), to_m)
         self.odometry.pose.covariance[:] = (both @ parts @ both.T).ravel()
-        to_b = error_model.rotation_matrix(state[0:4]).T  # type: ignore[arg-type]
+        to_b = error_model.rotation_matrix(state[0:4]).T
         twist = np.zeros((6, 6))
         twist[:3, :3] = to_b @ p[VELOCITY, VELOCITY] @ to_b.T
         twist[3:, 3:] = p[GYRO_BIAS, GYRO_BIAS]
