@@ -68,7 +68,7 @@ class Run:
     def __init__(self, simulation: Simulation, parameters: Mapping[str, Any], skip: Sequence[str] = ()) -> None:
         self.simulation = simulation
         self.navigator = DelayedNavigator(read_file(_CONFIG, "ins_node") | dict(parameters))
-        self.navigator.stops = _Afloat(self.navigator.parameters, self.navigator.events)
+        self.navigator.stops = _Afloat(self.navigator.configuration, self.navigator.events)
         self.rows: list[list[float]] = []
         self._samples = np.column_stack([simulation.angular_velocity, simulation.linear_acceleration]).tolist()
         self._stamps = simulation.stamps_ns.tolist()

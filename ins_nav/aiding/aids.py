@@ -13,7 +13,8 @@ import numpy as np
 
 from ins_nav.aiding.beacon import Beacon
 from ins_nav.aiding.measurements import BeaconRange, Depth, GnssPosition, GnssVelocity, Log
-from ins_nav.config.parameters import Value, beacon_names
+from ins_nav.aiding.parameters import beacon_names
+from ins_nav.config.parameters import Value
 from ins_nav.estimation.error_model import Array, SlowState, Vector, rotation_matrix
 from ins_nav.estimation.innovation_gate import GATE, PATIENCE
 from ins_nav.estimation.observation import Measurement, Solution, Update

@@ -1,12 +1,12 @@
 """Where alignment takes place: as parameters say, by a satellite fix, or as it was remembered."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from ins_nav.config.parameters import Value
+from ins_nav.config.sections import InitialSection
 from ins_nav.config.state_file import Pose
 from ins_nav.estimation.error_model import Array, Vector
 from ins_nav.event_log import INFO, WARN, EventLog
@@ -44,8 +44,7 @@ class InitialPosition:
 
     Parameters
     ----------
-    values : mapping
-        Of the parameters.
+    initial : InitialSection
     last : Pose or None
         What is remembered of the last start.
     events : EventLog
@@ -57,13 +56,13 @@ class InitialPosition:
 
     def __init__(
         self,
-        values: Mapping[str, Value],
+        initial: InitialSection,
         last: Pose | None,
         events: EventLog,
         fix_covariance: Callable[[Sequence[float], int, Sequence[int]], Array],
         lever_arm: Vector,
     ) -> None:
-        self._values = values
+        self._initial = initial
         self._fix_covariance = fix_covariance
         self._lever_arm = lever_arm
         self._last = last
@@ -72,11 +71,9 @@ class InitialPosition:
 
     def begin(self) -> None:
         """Before the first sample, and after a restart: what the parameters say."""
-        lat, lon, height, stddev = (
-            float(self._values[f"initial.{name}"])  # type: ignore[arg-type]
-            for name in ("latitude_deg", "longitude_deg", "height", "position_stddev")
-        )
-        self._known = None if math.isnan(lat) else Place(math.radians(lat), math.radians(lon), height, (stddev,) * 3)
+        given = self._initial
+        place = Place(given.latitude, given.longitude, given.height, (given.position_stddev,) * 3)
+        self._known = None if math.isnan(given.latitude) else place
         self._wanted = self._known is None
 
     def put(self, place: Place) -> None:

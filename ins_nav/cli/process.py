@@ -6,7 +6,8 @@ import sys
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
-from ins_nav.config.parameters import beacon_names, parse_assignment, read_file
+from ins_nav.aiding.parameters import beacon_names
+from ins_nav.config.parameters import parse_assignment, read_file
 from ins_nav.errors import InsNavError, for_people
 from ins_nav.messages import diagnostics, inputs
 from ins_nav.messages.solution import SolutionMessages, fill_bias
@@ -42,7 +43,7 @@ class Recorder:
         self._writer = writer
         self._navigator = navigator
         self._aided = aided
-        self._base_link = str(navigator.parameters["base_link_frame"])
+        self._base_link = navigator.configuration.frames.base_link
         self._out = SolutionMessages(message(_ODOMETRY), message(_IMU), message(_FIX), navigator)
         self._next_diagnostics_ns = 0
         self.written = 0
@@ -102,7 +103,7 @@ class Calls:
         self._navigator = navigator
         self._recorder = recorder
         self._aided = aided
-        self._policy = ServiceSchedule.from_parameters(navigator.parameters)
+        self._policy = ServiceSchedule(navigator.configuration.stop_detector)
         self._stopped: bool | None = None
         self._restarts = 0
 
@@ -221,17 +222,17 @@ def main(argv: Sequence[str] | None = None) -> int | None:
             raise InsNavError(f"--nodes: no node {node!r}{suggestion(node, NODES)}")
     overrides: dict[str, object] = {}
     for file in args.params_file:
-        overrides |= read_file(file, *args.nodes, "ins_node", "ins_process")
+        overrides |= read_file(file, *args.nodes, "ins_node", "ins_process", namespace=args.namespace)
     overrides |= dict(map(parse_assignment, args.param))
     navigator = RealtimeNavigator(overrides)
-    if args.save and not navigator.parameters["state_file"]:
+    if args.save and not navigator.configuration.state_file.path:
         raise InsNavError("--save: where to? Add --param state_file:=FILE")
     aided = DelayedNavigator(overrides) if "alignment_node" in args.nodes else None
     if args.output.resolve() in (args.bag.resolve(), args.bag.resolve().parent):
         raise InsNavError(f"{args.output}: is where the recording itself is; choose another name")
     damage = None
     with BagReader(args.bag) as reader:
-        wanted = input_feeds(beacon_names(navigator.parameters["range.beacons"]))
+        wanted = input_feeds(beacon_names(navigator.configuration.values["range.beacons"]))
         names = input_topics(reader, parse_remaps(args.remap), wanted)
         with BagWriter(args.output, args.overwrite) as writer:
             recorder = Recorder(writer, navigator, aided)
@@ -289,6 +290,11 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="OUT", help="folder of the bag to write")
     parser.add_argument(
         "--params-file", action="append", default=[], metavar="YAML", help="ROS 2 parameter file; may be repeated"
+    )
+    parser.add_argument(
+        "--namespace",
+        metavar="NS",
+        help="namespace of the nodes whose sections of the parameter files apply (default: the one in the file)",
     )
     parser.add_argument(
         "--param", action="append", default=[], metavar="NAME:=VALUE", help="set a parameter; may be repeated"

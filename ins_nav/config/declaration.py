@@ -29,6 +29,8 @@ DEG_PER_SQRT_HOUR = DEG / 60.0
 """rad/√s."""
 MILLI_G = 9.80665e-3
 """m/s²."""
+MICRO_G = 1e-3 * MILLI_G
+"""m/s²; as a noise density 1 µg/√Hz, m/s/√s."""
 _KEY = "ins_nav parameter"
 
 
@@ -43,6 +45,8 @@ class _Declared:
     high: float
     choices: tuple[str, ...]
     scale: float
+    former: str
+    former_values: tuple[tuple[bool, str], ...]
 
 
 def parameter(
@@ -55,6 +59,8 @@ def parameter(
     high: float = math.inf,
     choices: tuple[str, ...] = (),
     scale: float = 1.0,
+    former: str = "",
+    former_values: tuple[tuple[bool, str], ...] = (),
 ) -> Any:
     """A field of a `Section`.
 
@@ -67,17 +73,22 @@ def parameter(
     name : str
         Of the parameter where it is not the field's: with its unit, where that is not SI.
     unit : str
-        For people; appended to the description.
+        For people; appended to the first clause of the description.
     low, high : float
         Inclusive range, in the unit of the parameter.
     choices : tuple of str
         Allowed values of a string.
     scale : float
         SI value of one unit of the parameter.
+    former : str
+        Former full name, understood with a warning.
+    former_values : tuple of (bool, str)
+        Former values of a string, understood with a warning, and those that replace them.
     """
-    text = f"{description}, {unit}" if unit else description
-    declared = _Declared(name, default, text, low, high, choices, scale)
-    return dataclasses.field(default=_converted(default, scale), metadata={_KEY: declared})
+    clause, separator, rest = description.partition(";")
+    text = f"{clause}, {unit}{separator}{rest}" if unit else description
+    declared = _Declared(name, default, text, low, high, choices, scale, former, former_values)
+    return dataclasses.field(default=_si(default, scale), metadata={_KEY: declared})
 
 
 @dataclass(frozen=True)
@@ -94,15 +105,33 @@ class Section:
             Of the names, without the dot; empty for none.
         """
         return [
-            Parameter(_joined(prefix, name), row.default, row.description, row.low, row.high, row.choices)
+            Parameter(
+                _joined(prefix, name),
+                row.default,
+                row.description,
+                row.low,
+                row.high,
+                row.choices,
+                row.former,
+                row.former_values,
+            )
             for name, row, _ in cls._declared()
         ]
 
     @classmethod
     def from_values(cls, prefix: str, values: Mapping[str, Value]) -> Self:
         """The section, its values in SI units; ``values`` are checked values by full name."""
-        fields = {field: _converted(values[_joined(prefix, name)], row.scale) for name, row, field in cls._declared()}
+        fields = {field: _si(values[_joined(prefix, name)], row.scale) for name, row, field in cls._declared()}
         return cls(**fields)
+
+    @classmethod
+    def overrides(cls, prefix: str, **fields: Any) -> dict[str, Value]:
+        """Overrides by full name, in the units of the parameters, from values of fields in SI units."""
+        return {
+            _joined(prefix, name): _in_unit(fields[field], row.scale)
+            for name, row, field in cls._declared()
+            if field in fields
+        }
 
     @classmethod
     def _declared(cls) -> Sequence[tuple[str, _Declared, str]]:
@@ -115,7 +144,13 @@ def _joined(prefix: str, name: str) -> str:
     return f"{prefix}.{name}" if prefix else name
 
 
-def _converted(value: Value, scale: float) -> Any:
+def _si(value: Value, scale: float) -> Any:
     if isinstance(value, list):
         return tuple(scale * float(x) for x in value)
     return value if isinstance(value, bool | str) else scale * float(value)
+
+
+def _in_unit(value: Any, scale: float) -> Value:
+    if isinstance(value, bool | str):
+        return value
+    return [float(x) / scale for x in value] if isinstance(value, Sequence) else float(value) / scale

@@ -14,7 +14,8 @@ from typing import NamedTuple
 
 import yaml
 
-from ins_nav.config.parameters import Value, checked_values, read_file
+from ins_nav.config.configuration import Configuration
+from ins_nav.config.parameters import Value, read_file
 from ins_nav.errors import InsNavError
 from ins_nav.event_log import INFO, WARN, EventLog
 
@@ -51,15 +52,17 @@ def log_calibration(values: Sequence[tuple[float, float]]) -> dict[str, Value]:
     return dict(zip(_LOG, found, strict=True))
 
 
-def read_calibration(labels: Sequence[str], numbers: Sequence[float]) -> dict[str, Value] | None:
+def read_calibration(
+    labels: Sequence[str], numbers: Sequence[float], configuration: Configuration
+) -> dict[str, Value] | None:
     """The log's parameters by name from a message; None where they are not."""
     if tuple(labels) != _LOG or len(numbers) != len(_LOG):
         return None
     try:
-        checked = checked_values(dict(zip(labels, numbers, strict=True)))
+        values = configuration.updated(dict(zip(labels, numbers, strict=True))).values
     except InsNavError:
         return None
-    return {name: checked[name] for name in _LOG}
+    return {name: values[name] for name in _LOG}
 
 
 def save(path: str | Path, parameters: Mapping[str, Value], pose: Pose) -> None:
@@ -94,31 +97,32 @@ def save(path: str | Path, parameters: Mapping[str, Value], pose: Pose) -> None:
         raise StateFileError(f"state_file {path}: {error.strerror}") from None
 
 
-def take_up(values: dict[str, Value], events: EventLog) -> tuple[dict[str, Value], dict[str, Value], Pose | None]:
-    """What ``state_file`` has kept, in place of the parameters' values and by itself; the last pose, if there is one.
+def take_up(configuration: Configuration, events: EventLog) -> tuple[Configuration, dict[str, Value], Pose | None]:
+    """The configuration with the values in ``state_file``, these values, and the last pose, if there is one.
 
-    A file that is not there yet, or damaged, is told and left alone: a vehicle must start without it.
+    A file that does not exist yet, or is damaged, is reported and not used: a vehicle must start without it.
     """
-    path = Path(str(values["state_file"])).expanduser()
-    if not values["state_file"]:
-        return values, {}, None
+    name = configuration.state_file.path
+    path = Path(name).expanduser()
+    if not name:
+        return configuration, {}, None
     if not path.exists():
         events.report(INFO, f"state_file {path} is not there yet: ins_node/save writes it")
-        return values, {}, None
+        return configuration, {}, None
     try:
-        kept, pose = load(path)
+        kept, pose = load(path, configuration)
     except StateFileError as error:
         events.report(WARN, f"{error}: nothing of it is used; save again, or remove it")
-        return values, {}, None
+        return configuration, {}, None
     events.report(INFO, f"state_file {path}: {', '.join(kept)} taken up, as saved {_date(pose)}")
-    return values | kept, kept, pose
+    return configuration.updated(kept), kept, pose
 
 
 def _date(pose: Pose) -> str:
     return datetime.fromtimestamp(pose.stamp, UTC).isoformat(timespec="seconds")
 
 
-def load(path: str | Path) -> tuple[dict[str, Value], Pose]:
+def load(path: str | Path, configuration: Configuration) -> tuple[dict[str, Value], Pose]:
     """Parameters that take the place of others, and the last pose.
 
     Raises
@@ -128,9 +132,9 @@ def load(path: str | Path) -> tuple[dict[str, Value], Pose]:
     """
     try:
         content = read_file(path)
-        pose = Pose(*(float(content.pop(f"{_LAST}.{key}")) for key in _POSE))  # type: ignore[arg-type]
+        pose = Pose(*(float(str(content.pop(f"{_LAST}.{key}"))) for key in _POSE))
         _date(pose)
-        checked = checked_values(content)
+        checked = configuration.updated(content).values
     except KeyError as error:
         raise StateFileError(f"state_file {path}: no {error.args[0]}") from None
     except (InsNavError, TypeError, ValueError, OverflowError) as error:

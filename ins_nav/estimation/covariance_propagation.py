@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import eigh
 
-from ins_nav.config.parameters import Value
+from ins_nav.config.sections import AidingSection, ImuSection, NavigationSection
 from ins_nav.estimation.error_filter import ErrorFilter
 from ins_nav.estimation.error_model import Array, ErrorModel, SlowState, Vector, azimuth, rotation_matrix
 from ins_nav.estimation.state_layout import (
@@ -53,8 +53,6 @@ by less than `_TURN` in it (`ErrorModel.transition`)."""
 _TURN = 0.1
 """rad."""
 _GRAVITY = 9.81
-_DEG_PER_HOUR = math.radians(1.0) / 3600.0
-_MILLI_G = 9.80665e-3
 _NEVER_NS = 2**63
 _REGULAR = 1e-9
 """Share of a variance that keeps a matrix regular whose parts are fully correlated."""
@@ -62,38 +60,26 @@ _NOTHING = 1e-40
 """The same where the variance is zero."""
 
 
-def error_model(values: Mapping[str, Value], learnt_noise: tuple[float, float]) -> ErrorModel:
+def error_model(
+    imu: ImuSection, navigation: NavigationSection, aiding: AidingSection, learnt_noise: tuple[float, float]
+) -> ErrorModel:
     """The model of errors that the parameters describe.
 
     Parameters
     ----------
-    values : mapping
-        Of the parameters.
+    imu : ImuSection
+    navigation : NavigationSection
+    aiding : AidingSection
     learnt_noise : 2 floats
         White noise of gyros and accelerometers, rad/√s and m/s/√s, where the parameters do not give it.
     """
-
-    def number(name: str) -> float:
-        return float(values[name])  # type: ignore[arg-type]
-
-    gyro_noise, accel_noise = learnt_noise
-    if not math.isnan(number("imu.gyro_noise_deg_per_sqrt_hour")):
-        gyro_noise = math.radians(number("imu.gyro_noise_deg_per_sqrt_hour")) / 60.0
-    if not math.isnan(number("imu.accel_noise_ug_per_sqrt_hz")):
-        accel_noise = number("imu.accel_noise_ug_per_sqrt_hz") * 1e-3 * _MILLI_G
     return ErrorModel(
-        vertical=bool(values["navigation.vertical_channel"]),
-        gyro_noise=gyro_noise,
-        accel_noise=accel_noise,
-        gyro_bias=SlowState(
-            number("imu.gyro_bias_stddev_deg_per_hour") * _DEG_PER_HOUR,
-            number("imu.gyro_bias_walk_deg_per_hour_per_sqrt_hour") * _DEG_PER_HOUR / 60.0,
-        ),
-        accel_bias=SlowState(
-            number("imu.accel_bias_stddev_mg") * _MILLI_G,
-            number("imu.accel_bias_walk_mg_per_sqrt_hour") * _MILLI_G / 60.0,
-        ),
-        height_walk=number("aiding.height_walk"),
+        vertical=navigation.vertical_channel,
+        gyro_noise=learnt_noise[0] if math.isnan(imu.gyro_noise) else imu.gyro_noise,
+        accel_noise=learnt_noise[1] if math.isnan(imu.accel_noise) else imu.accel_noise,
+        gyro_bias=SlowState(imu.gyro_bias_stddev, imu.gyro_bias_walk),
+        accel_bias=SlowState(imu.accel_bias_stddev, imu.accel_bias_walk),
+        height_walk=aiding.height_walk,
     )
 
 
@@ -161,8 +147,9 @@ class CovariancePropagation:
 
     Parameters
     ----------
-    values : mapping
-        Of the parameters.
+    imu : ImuSection
+    navigation : NavigationSection
+    aiding : AidingSection
 
     Attributes
     ----------
@@ -170,17 +157,17 @@ class CovariancePropagation:
         How often the covariance has changed.
     """
 
-    def __init__(self, values: Mapping[str, Value]) -> None:
-        self._values = values
-        self._stop_velocity = float(values["aiding.stop_velocity_stddev"])  # type: ignore[arg-type]
-        self._height_walk = float(values["aiding.height_walk"])  # type: ignore[arg-type]
+    def __init__(self, imu: ImuSection, navigation: NavigationSection, aiding: AidingSection) -> None:
+        self._sections = imu, navigation, aiding
+        self._stop_velocity = aiding.stop_velocity_stddev
+        self._height_walk = aiding.height_walk
         self.count = 0
         self.restart()
 
     def restart(self) -> None:
         """Nothing is known but the parameters."""
         self._filter: ErrorFilter | None = None
-        self._model = error_model(self._values, (0.0, 0.0))
+        self._model = error_model(*self._sections, (0.0, 0.0))
         self._accel_stddev = self._model.slow[3].stddev
         self._idle: Array = np.zeros((SOLUTION_SIZE, SOLUTION_SIZE))
         self._idle[BIASES, BIASES] = np.diag([s.stddev**2 for s in self._model.slow])
@@ -212,7 +199,7 @@ class CovariancePropagation:
     def begin(self, stamp_ns: int, state: NavState, covariance: Array, learnt_noise: tuple[float, float]) -> None:
         """Begin with a solution; noise as of `error_model`."""
         self.clear()
-        self._model = error_model(self._values, learnt_noise)
+        self._model = error_model(*self._sections, learnt_noise)
         self._filter = filter_of(self._model, covariance)
         self._keep(stamp_ns, state)
 

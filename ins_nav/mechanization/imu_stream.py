@@ -8,6 +8,7 @@ wrong stamp costs one sample and a looped bag restarts cleanly.
 import math
 from statistics import median
 
+from ins_nav.config.sections import ImuSection
 from ins_nav.event_log import ERROR, WARN, EventLog
 from ins_nav.mechanization.strapdown import Sample
 
@@ -32,22 +33,15 @@ class ImuStream:
     ----------
     events : EventLog
         Where events are counted.
-    max_rate, max_force : float
-        Largest credible angular rate, rad/s, and specific force, m/s².
-    max_gap : float
-        Longest gap that is bridged, s.
-    instantaneous : bool
-        Samples are values at their stamps, not means over the intervals they end.
+    imu : ImuSection
     """
 
-    def __init__(
-        self, events: EventLog, max_rate: float, max_force: float, max_gap: float, instantaneous: bool = False
-    ) -> None:
+    def __init__(self, events: EventLog, imu: ImuSection) -> None:
         self._events = events
-        self._max_rate2 = max_rate**2
-        self._max_force2 = max_force**2
-        self._max_gap = max_gap
-        self._instantaneous = instantaneous
+        self._max_rate2 = imu.max_angular_velocity**2
+        self._max_force2 = imu.max_linear_acceleration**2
+        self._max_gap = imu.max_gap
+        self._instantaneous = imu.instantaneous
         self._stamp = 0
         self._last: tuple[float, ...] | None = None
         self._pending: tuple[int, tuple[float, ...]] | None = None

@@ -15,7 +15,7 @@ from ins_nav.estimation import error_model
 from ins_nav.estimation.state_layout import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, POSE, POSITION, VELOCITY
 from ins_nav.mechanization import nav_state
 from ins_nav.mechanization.attitude import conjugate, multiply
-from ins_nav.messages.stamps import NS, set_stamp
+from ins_nav.messages.stamps import set_stamp
 from ins_nav.navigator.realtime import RealtimeNavigator
 
 
@@ -51,11 +51,11 @@ class SolutionMessages:
         self._changes = 0
         self._filled = -1
         self._began = (0, 0)
-        rate = float(navigator.parameters["publish.rate"])  # type: ignore[arg-type]
-        self._period_ns = round(NS / rate) if rate else 0
+        self._period_ns = navigator.configuration.publish.period_ns
         self._next_ns = 0
-        base_link = str(navigator.parameters["base_link_frame"])
-        odometry.header.frame_id = str(navigator.parameters["map_frame"])
+        frames = navigator.configuration.frames
+        base_link = frames.base_link
+        odometry.header.frame_id = frames.map
         odometry.child_frame_id = base_link
         imu.header.frame_id = base_link
         fix.header.frame_id = base_link

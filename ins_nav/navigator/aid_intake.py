@@ -35,7 +35,8 @@ class AidIntake(RealtimeNavigator):
     """
 
     def _begin(self) -> None:
-        self._aids: dict[str, Aid] = aids.make(self.parameters)
+        self._max_log_speed = float(self.configuration.values["log.max_speed"])  # type: ignore[arg-type]
+        self._aids: dict[str, Aid] = aids.make(self.configuration.values)
         self._queue: list[Observation] = []
         self._count = itertools.count()
         self._beacon_fixes: dict[str, Observation] = {}
@@ -88,7 +89,7 @@ class AidIntake(RealtimeNavigator):
         """
         velocity = tuple(math.nan if abs(x - _LOST) < 1e-6 else x for x in velocity)  # type: ignore[assignment]
         known = [abs(x) for x in velocity if math.isfinite(x)]
-        if known and velocity[:2] != (0.0, 0.0) and max(known) <= self._number("log.max_speed"):
+        if known and velocity[:2] != (0.0, 0.0) and max(known) <= self._max_log_speed:
             self._observe(aids.LOG, stamp_ns, velocity, covariance, 3)
         else:
             self._unusable(aids.LOG, stamp_ns, velocity)

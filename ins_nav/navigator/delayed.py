@@ -69,7 +69,7 @@ class DelayedNavigator(AidIntake):
     Parameters
     ----------
     overrides : mapping
-        Parameters that differ from `ins_nav.config.parameters.PARAMETERS`.
+        Parameters that differ from their defaults, by full name.
 
     Attributes
     ----------
@@ -88,12 +88,13 @@ class DelayedNavigator(AidIntake):
     def __init__(self, overrides: Mapping[str, object] | None = None) -> None:
         self.filter: ErrorFilter | None = None
         super().__init__(overrides)
-        self._lag_ns = max(SETTLE_NS, round(self._number("aiding.max_delay") * 1e9))
-        self._apply_ns = round(self._number("aiding.feedback_time") * 1e9)
-        self._fine_stddev = math.radians(self._number("alignment.fine_heading_deg"))
-        self._fine_time = self._number("alignment.fine_duration")
-        self._until_aligned = bool(self.parameters["aiding.until_aligned"])
-        self._stops = StationaryUpdates(self.parameters, self.events)
+        aiding, alignment = self.configuration.aiding, self.configuration.alignment
+        self._lag_ns = max(SETTLE_NS, aiding.max_delay_ns)
+        self._apply_ns = aiding.feedback_time_ns
+        self._fine_stddev = alignment.fine_heading
+        self._fine_time = alignment.fine_duration
+        self._until_aligned = aiding.until_aligned
+        self._stops = StationaryUpdates(self.configuration.imu, aiding, self.events)
 
     def _begin(self) -> None:
         self.filter = None
@@ -209,7 +210,8 @@ class DelayedNavigator(AidIntake):
 
     def _filter_from(self, covariance: Array, stamp_ns: int) -> None:
         """Start the filter at the present state; its covariance on n."""
-        model = covariance_propagation.error_model(self.parameters, self._noise)
+        known = self.configuration
+        model = covariance_propagation.error_model(known.imu, known.navigation, known.aiding, self._noise)
         own = {name: aid.states for name, aid in self._aids.items() if aid.states}
         if self._log_found and aids.LOG in own:
             mounted = [

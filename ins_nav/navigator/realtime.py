@@ -13,11 +13,13 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ins_nav.aiding.aids import GNSS, Settings
+from ins_nav.aiding.parameters import configuration
 from ins_nav.alignment.coarse_alignment import Alignment, AlignmentError, CoarseAlignment
 from ins_nav.alignment.handover import after_alignment
 from ins_nav.alignment.initial_position import InitialPosition, Place
 from ins_nav.config import state_file
-from ins_nav.config.parameters import Value, checked_values
+from ins_nav.config.parameters import Value
+from ins_nav.config.sections import ImuSection
 from ins_nav.estimation.covariance_propagation import CovariancePropagation
 from ins_nav.estimation.state_layout import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, HEADING, HORIZONTAL_POSITION, POSITION
 from ins_nav.event_log import ERROR, INFO, WARN, EventLog
@@ -26,11 +28,10 @@ from ins_nav.mechanization.imu_stream import ImuStream
 from ins_nav.mechanization.replay_buffer import ReplayBuffer
 from ins_nav.navigator.correction import Correction, CorrectionQueue
 from ins_nav.stop_detection.detector import Change
-from ins_nav.zupt.calibration import MILLI_G, StopCalibration
+from ins_nav.zupt.calibration import StopCalibration
 from ins_nav.zupt.stop_records import StopCorrection
 from ins_nav.zupt.zupt_equations import Calibration, ZuptError
 
-_DEG_PER_HOUR = math.radians(1.0) / 3600.0
 _COARSE_GAP = 0.1
 """s: a longer gap loses the attitude of a rocking base: coarse alignment begins again, and the filter is told."""
 
@@ -50,12 +51,12 @@ class RealtimeNavigator:
     Parameters
     ----------
     overrides : mapping
-        Parameters that differ from `ins_nav.config.parameters.PARAMETERS`.
+        Parameters that differ from their defaults, by full name.
 
     Attributes
     ----------
-    parameters : dict
-        Values in use.
+    configuration : Configuration
+        In use.
     phase : Phase
     stamp_ns : int
         Of the last sample taken.
@@ -88,44 +89,31 @@ class RealtimeNavigator:
 
     def __init__(self, overrides: Mapping[str, object] | None = None) -> None:
         self.events = EventLog()
-        values, kept, last = state_file.take_up(checked_values(overrides or {}), self.events)
-        self.parameters = values
-        gnss = Settings.of(GNSS, values)
-        self._place = InitialPosition(values, last, self.events, gnss.covariance, gnss.lever_arm)
+        known, kept, last = state_file.take_up(configuration(overrides), self.events)
+        for warning in known.warnings:
+            self.events.report(WARN, warning)
+        self.configuration = known
+        gnss = Settings.of(GNSS, known.values)
+        self._place = InitialPosition(known.initial, last, self.events, gnss.covariance, gnss.lever_arm)
         self.log_calibration = {name: value for name, value in kept.items() if name.startswith("log.")}
-        self.stream = ImuStream(
-            self.events,
-            self._number("imu.max_angular_velocity"),
-            self._number("imu.max_linear_acceleration"),
-            self._number("imu.max_gap"),
-            instantaneous=values["imu.sampling"] == "instantaneous",
-        )
-        self._instantaneous = values["imu.sampling"] == "instantaneous"
-        self._vertical = bool(values["navigation.vertical_channel"])
-        mounting = Rotation.from_euler("ZYX", self._vector("imu.mounting_rpy_deg")[::-1], degrees=True)
+        imu = known.imu
+        self.stream = ImuStream(self.events, imu)
+        self._instantaneous = imu.instantaneous
+        self._vertical = known.navigation.vertical_channel
+        mounting = Rotation.from_euler("ZYX", imu.mounting_rpy[::-1])
         self._q_mounting = tuple(map(float, mounting.as_quat())) if mounting.magnitude() > 0.0 else None
-        self.gyro_bias = tuple(x * _DEG_PER_HOUR for x in self._vector("imu.gyro_bias_deg_per_hour"))
-        self.accel_bias = tuple(x * MILLI_G for x in self._vector("imu.accel_bias_mg"))
-        self.gyro_bias_stddev = self._number("imu.gyro_bias_stddev_deg_per_hour") * _DEG_PER_HOUR
-        self.accel_bias_stddev = self._number("imu.accel_bias_stddev_mg") * MILLI_G
-        sought = math.isnan(self._number("initial.heading_deg"))
-        self._duration = self._number("alignment.duration" if sought else "alignment.level_duration")
+        self.gyro_bias, self.accel_bias = imu.gyro_bias, imu.accel_bias
+        sought = math.isnan(known.initial.heading)
+        self._duration = known.alignment.duration if sought else known.alignment.level_duration
         self.angular_velocity = (0.0, 0.0, 0.0)
         self.specific_force = (0.0, 0.0, 0.0)
         self.stamp_ns = 0
         self.changes = self.restarts = 0
-        self.stops = StopCalibration(values, self.events)
-        self.accuracy = CovariancePropagation(values)
+        self.stops = StopCalibration(known, self.events)
+        self.accuracy = CovariancePropagation(imu, known.navigation, known.aiding)
         self._feedback = CorrectionQueue(self.events)
         self._history = ReplayBuffer(self._instantaneous, self._vertical)
-        self._given_gyro_bias, self._given_accel_bias = self.gyro_bias, self.accel_bias
         self._begin()
-
-    def _number(self, name: str) -> float:
-        return float(self.parameters[name])  # type: ignore[arg-type]
-
-    def _vector(self, name: str) -> list[float]:
-        return list(self.parameters[name])  # type: ignore[arg-type]
 
     def _begin(self) -> None:
         """Before the first sample, and after a restart."""
@@ -135,11 +123,11 @@ class RealtimeNavigator:
         self.accuracy.restart()
         self._previous: strapdown.Sample | None = None
         self._raw: strapdown.Sample = (0.0,) * 7
-        heading = self._number("initial.heading_deg")
-        self._heading = None if math.isnan(heading) else math.radians(heading)
-        self._heading_stddev = math.radians(self._number("initial.heading_stddev_deg"))
-        self.gyro_bias = self._given_gyro_bias
-        self.accel_bias = self.stops.accel_bias = self._given_accel_bias  # type: ignore[assignment]
+        initial, imu = self.configuration.initial, self.configuration.imu
+        self._heading = None if math.isnan(initial.heading) else initial.heading
+        self._heading_stddev = initial.heading_stddev
+        self.gyro_bias = imu.gyro_bias
+        self.accel_bias = self.stops.accel_bias = imu.accel_bias
         self.stops.restart()
         self.aligned_ns = 0
         self._place.begin()
@@ -153,7 +141,10 @@ class RealtimeNavigator:
         self.accuracy.clear()
         gyro_bias_stddev = math.sqrt(float(self.gyro_bias_covariance.diagonal().max()))
         self._alignment = CoarseAlignment(
-            self._duration, gyro_bias_stddev, self.accel_bias_stddev, self._number("alignment.max_speed")
+            self._duration,
+            gyro_bias_stddev,
+            self.configuration.imu.accel_bias_stddev,
+            self.configuration.alignment.max_speed,
         )
 
     def _is_long_gap(self, sample: strapdown.Sample) -> bool:
@@ -199,7 +190,7 @@ class RealtimeNavigator:
 
     def save(self) -> tuple[bool, str]:
         """Write ``state_file``; results as of `zupt1`."""
-        path = str(self.parameters["state_file"])
+        path = self.configuration.state_file.path
         if not path:
             return False, "no state_file: start the node with a name for it"
         if self.state is None:
@@ -209,8 +200,7 @@ class RealtimeNavigator:
         stddev = math.sqrt(float(self._known().diagonal()[HORIZONTAL_POSITION].max()))
         place = math.degrees(where.lat), math.degrees(where.lon), where.height
         kept: dict[str, Value] = {
-            "imu.gyro_bias_deg_per_hour": [x / _DEG_PER_HOUR for x in self.gyro_bias],
-            "imu.accel_bias_mg": [x / MILLI_G for x in self.accel_bias],
+            **ImuSection.overrides("imu", gyro_bias=self.gyro_bias, accel_bias=self.accel_bias),
             **self.log_calibration,
         }
         try:

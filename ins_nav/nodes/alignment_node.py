@@ -14,7 +14,7 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import Imu
 from std_msgs.msg import Float64MultiArray, Header, MultiArrayDimension
 
-from ins_nav.config.parameters import beacon_names
+from ins_nav.aiding.parameters import beacon_names
 from ins_nav.errors import for_people
 from ins_nav.messages import correction_codec, diagnostics, inputs
 from ins_nav.navigator.delayed import DelayedNavigator
@@ -35,14 +35,14 @@ class AlignmentNode(Node):
 
     def __init__(self) -> None:
         super().__init__("alignment_node")
-        self._navigator = DelayedNavigator(parameters.declare(self))
+        self._navigator = DelayedNavigator(parameters.declare(self).values)
         self._reporter = Reporter(self, "alignment")
         reliable = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=100, reliability=ReliabilityPolicy.RELIABLE)
         self._out = self.create_publisher(Float64MultiArray, "ins/feedback", reliable)
         self._calibration = self.create_publisher(Float64MultiArray, "ins/calibration", reliable)
         self._feedback = feedback_message()
         self._subscribe(Imu, "imu/data_raw", self._on_imu, _IMU_DEPTH)
-        beacons = beacon_names(self._navigator.parameters["range.beacons"])
+        beacons = beacon_names(self._navigator.configuration.values["range.beacons"])
         for topic, (msgtype, feed) in inputs.aid_topics(beacons).items():
             self._subscribe(runtime.message_class(msgtype), topic, feed)
         self.create_subscription(Float64MultiArray, "ins/solution", self._on_solution, reliable)

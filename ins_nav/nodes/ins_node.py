@@ -47,9 +47,9 @@ class InsNode(Node):
 
     def __init__(self) -> None:
         super().__init__("ins_node")
-        values = parameters.declare(self)
-        self._navigator = RealtimeNavigator(values)
-        self._base_link = str(values["base_link_frame"])
+        self._configuration = parameters.declare(self)
+        self._navigator = RealtimeNavigator(self._configuration.values)
+        self._base_link = self._configuration.frames.base_link
         self._out = SolutionMessages(Odometry(), Imu(), NavSatFix(), self._navigator)
         reliable, best_effort = ReliabilityPolicy.RELIABLE, ReliabilityPolicy.BEST_EFFORT
         self._odometry = self.create_publisher(Odometry, "odometry", _qos(_OUT_DEPTH, reliable))
@@ -57,7 +57,7 @@ class InsNode(Node):
         self._fix = self.create_publisher(NavSatFix, "fix", _qos(_OUT_DEPTH, reliable))
         self._bias = self.create_publisher(Imu, "imu/bias", _qos(1, reliable, latched=True))
         self._reporter = Reporter(self, "navigation")
-        self._tf = self._transform_publisher() if values["publish.tf"] else None
+        self._tf = self._transform_publisher() if self._configuration.publish.tf != "none" else None
         overriding = QoSOverridingOptions.with_default_policies()
         self.create_subscription(
             Imu, "imu/data_raw", self._on_imu, _qos(_IMU_DEPTH, best_effort), qos_overriding_options=overriding
@@ -84,7 +84,8 @@ class InsNode(Node):
             from tf2_msgs.msg import TFMessage
         except ImportError:
             raise InsNavError(
-                "publish.tf is true but tf2_msgs is not installed: apt install ros-jazzy-tf2-msgs, or set it to false"
+                f"publish.tf is {self._configuration.publish.tf} but tf2_msgs is not installed: "
+                "apt install ros-jazzy-tf2-msgs, or set it to none"
             ) from None
         transform = TransformStamped()
         transform.header.frame_id = self._out.odometry.header.frame_id
@@ -158,7 +159,7 @@ class InsNode(Node):
         return response
 
     def _on_calibration(self, message: Float64MultiArray) -> None:
-        found = read_calibration([dim.label for dim in message.layout.dim], message.data)
+        found = read_calibration([dim.label for dim in message.layout.dim], message.data, self._configuration)
         if found is not None:
             self._navigator.log_calibration = found
 

@@ -1,38 +1,37 @@
-"""Parameters of the nodes, declared from the table in `ins_nav.config.parameters`."""
+"""Parameters of the nodes, declared from the table of `ins_nav.config`."""
 
 import math
 
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
 from rclpy.node import Node
 
-from ins_nav.config.parameters import ROS_OWN, Value, beacon_names, checked_values, table
+from ins_nav.aiding.parameters import configuration
+from ins_nav.config.configuration import Configuration
+from ins_nav.config.parameters import without_ros
 
 
-def declare(node: Node) -> dict[str, Value]:
-    """Declare every parameter, read-only, and return their values, checked.
+def declare(node: Node) -> Configuration:
+    """Declare every parameter, read-only, and return their checked values.
 
-    All overrides are checked, whole numbers taken for floating point, and unknown names refused, which rclpy by
-    itself would ignore.
+    All overrides are checked, whole numbers converted to floating point, former names replaced, and unknown names
+    refused, which rclpy by itself would ignore.
 
     Raises
     ------
     ParameterError
     """
-    given = {
-        name: parameter.value
-        for name, parameter in node._parameter_overrides.items()
-        if name not in ROS_OWN and not name.startswith("qos_overrides.")
-    }
-    values = checked_values(given)
-    for parameter in table(beacon_names(values["range.beacons"])):
-        descriptor = ParameterDescriptor(description=parameter.description, read_only=True)
-        value = values[parameter.name]
-        finite = isinstance(value, float) and all(map(math.isfinite, (value, parameter.low, parameter.high)))
+    found = configuration(without_ros({name: given.value for name, given in node._parameter_overrides.items()}))
+    for warning in found.warnings:
+        node.get_logger().warning(warning)
+    for row in found.rows:
+        descriptor = ParameterDescriptor(description=row.description, read_only=True)
+        value = found.values[row.name]
+        finite = isinstance(value, float) and all(map(math.isfinite, (value, row.low, row.high)))
         if finite:
-            descriptor.floating_point_range = [FloatingPointRange(from_value=parameter.low, to_value=parameter.high)]
-        elif parameter.choices:
-            descriptor.additional_constraints = "one of " + ", ".join(parameter.choices)
-        elif math.isfinite(parameter.low) or math.isfinite(parameter.high):
-            descriptor.additional_constraints = f"{parameter.low:g} to {parameter.high:g}; NaN: not given"
-        node.declare_parameter(parameter.name, value, descriptor, ignore_override=True)
-    return values
+            descriptor.floating_point_range = [FloatingPointRange(from_value=row.low, to_value=row.high)]
+        elif row.choices:
+            descriptor.additional_constraints = "one of " + ", ".join(row.choices)
+        elif math.isfinite(row.low) or math.isfinite(row.high):
+            descriptor.additional_constraints = f"{row.low:g} to {row.high:g}; NaN: not given"
+        node.declare_parameter(row.name, value, descriptor, ignore_override=True)
+    return found

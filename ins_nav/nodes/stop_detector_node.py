@@ -39,17 +39,11 @@ class StopDetectorNode(Node):
 
     def __init__(self) -> None:
         super().__init__("stop_detector_node")
-        values = parameters.declare(self)
+        configuration = parameters.declare(self)
         self._events = EventLog()
-        self._stream = ImuStream(
-            self._events,
-            float(values["imu.max_angular_velocity"]),  # type: ignore[arg-type]
-            float(values["imu.max_linear_acceleration"]),  # type: ignore[arg-type]
-            float(values["imu.max_gap"]),  # type: ignore[arg-type]
-            values["imu.sampling"] == "instantaneous",
-        )
-        self._detector = StopDetector(StopLimits.from_parameters(values))
-        self._policy = ServiceSchedule.from_parameters(values)
+        self._stream = ImuStream(self._events, configuration.imu)
+        self._detector = StopDetector(StopLimits.of(configuration.stop, configuration.imu))
+        self._policy = ServiceSchedule(configuration.stop_detector)
         self._calibration = {name: self.create_client(Trigger, f"ins_node/{name}") for name in ("zupt1", "zupt2")}
         self._missing = False
         self._answer = "none yet"

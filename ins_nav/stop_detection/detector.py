@@ -43,7 +43,6 @@ import cmath
 import copy
 import math
 from collections import deque
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Self
 
@@ -51,13 +50,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from ins_nav.config.parameters import Value
+from ins_nav.config.sections import ImuSection, StopSection
 from ins_nav.mechanization.strapdown import Sample
 from ins_nav.stop_detection.gliding import Glides
 from ins_nav.stop_detection.turn_monitor import TurnMonitor
 from ins_nav.stop_detection.velocity_filter import BLOCK, LONG_BLOCK, VelocityFilter
 
-_MICRO_G = 9.80665e-6
 _LONGEST_GAP = 1.0
 """s: over a longer gap a stop is not certain any more. A car gains 3 m/s in it."""
 _HISTORY = 100
@@ -166,21 +164,14 @@ class StopLimits:
     accel_noise: float = math.nan
 
     @classmethod
-    def from_parameters(cls, values: Mapping[str, Value]) -> Self:
-        """From the values of the parameters ``stop.*``."""
-
-        def number(name: str) -> float:
-            return float(values[f"stop.{name}"])  # type: ignore[arg-type]
-
+    def of(cls, stop: StopSection, imu: ImuSection) -> Self:
+        """Those of a vehicle and its IMU."""
         return cls(
-            window=number("window"),
-            min_duration=number("min_duration"),
-            max_speed=number("max_speed"),
-            vibration=number("vibration"),
-            sway=math.radians(number("sway_deg_per_s")),
-            false_alarm=number("false_alarm_probability"),
-            gyro_noise=math.radians(float(values["imu.gyro_noise_deg_per_sqrt_hour"])) / 60.0,  # type: ignore[arg-type]
-            accel_noise=float(values["imu.accel_noise_ug_per_sqrt_hz"]) * _MICRO_G,  # type: ignore[arg-type]
+            max_speed=stop.max_speed,
+            vibration=stop.vibration,
+            sway=stop.sway,
+            gyro_noise=imu.gyro_noise,
+            accel_noise=imu.accel_noise,
         )
 
 

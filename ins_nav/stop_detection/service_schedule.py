@@ -1,9 +1,6 @@
 """Which calibration service to call at which stop, and when."""
 
-from collections.abc import Mapping
-from typing import Self
-
-from ins_nav.config.parameters import Value
+from ins_nav.config.sections import StopDetectorSection
 
 _NEVER = 2**63
 
@@ -19,11 +16,10 @@ class ServiceSchedule:
 
     Parameters
     ----------
-    start_sequence : str
-        ``zupt1`` as above; ``zupt2``: that from the first stop on; ``none``: nothing at the first stop, then ZUPT-2;
-        ``never``: nothing.
-    zupt1_after, zupt2_after : float
-        Length of a stop at the first call, s.
+    section : StopDetectorSection
+        ``start_sequence`` is ``zupt1`` as above; ``zupt2``: that from the first stop on; ``none``: nothing at the first
+        stop, then ZUPT-2; ``never``: nothing. ``zupt1_after`` and ``zupt2_after`` are the length of a stop at the first
+        call, s.
 
     Attributes
     ----------
@@ -33,19 +29,10 @@ class ServiceSchedule:
         Length of the present stop at which `take` has something to give.
     """
 
-    def __init__(self, start_sequence: str, zupt1_after: float, zupt2_after: float) -> None:
-        self._sequence = start_sequence
-        self._after_ns = {"zupt1": round(zupt1_after * 1e9), "zupt2": round(zupt2_after * 1e9)}
+    def __init__(self, section: StopDetectorSection) -> None:
+        self._sequence = section.start_sequence
+        self._after_ns = {"zupt1": section.zupt1_after_ns, "zupt2": section.zupt2_after_ns}
         self.restart()
-
-    @classmethod
-    def from_parameters(cls, values: Mapping[str, Value]) -> Self:
-        """From the values of the parameters ``stop_detector.*``."""
-        return cls(
-            str(values["stop_detector.start_sequence"]),
-            float(values["stop_detector.zupt1_after"]),  # type: ignore[arg-type]
-            float(values["stop_detector.zupt2_after"]),  # type: ignore[arg-type]
-        )
 
     def restart(self) -> None:
         """As before the first stop: the recording begins again."""

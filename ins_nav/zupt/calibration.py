@@ -16,7 +16,6 @@ References
 """
 
 import math
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -24,7 +23,7 @@ from numpy.typing import NDArray
 
 from ins_nav.alignment.coarse_alignment import Alignment
 from ins_nav.alignment.gravity_cone import GravityCone
-from ins_nav.config.parameters import Value
+from ins_nav.config.configuration import Configuration
 from ins_nav.estimation.covariance_propagation import Held
 from ins_nav.estimation.state_layout import GYRO_BIAS, HEADING, SOLUTION_SIZE, TILT
 from ins_nav.event_log import WARN, EventLog
@@ -66,9 +65,6 @@ _REGULAR = 1e-9
 """Share of a variance that keeps a matrix regular whose parts are fully correlated."""
 _EXACT_DRIFT = 1e-24
 """rad²/s²: the same of a drift, 2e-7 °/h."""
-_DEG_PER_HOUR = math.radians(1.0) / 3600.0
-MILLI_G = 9.80665e-3
-"""m/s²."""
 
 
 class StopCalibration:
@@ -76,8 +72,7 @@ class StopCalibration:
 
     Parameters
     ----------
-    values : mapping
-        Of the parameters.
+    configuration : Configuration
     events : EventLog
         Where events are counted.
 
@@ -102,19 +97,17 @@ class StopCalibration:
         Found at the beginning of the last stop, m/s.
     """
 
-    def __init__(self, values: Mapping[str, Value], events: EventLog) -> None:
-        def number(name: str) -> float:
-            return float(values[name])  # type: ignore[arg-type]
-
+    def __init__(self, configuration: Configuration, events: EventLog) -> None:
+        imu, zupt = configuration.imu, configuration.zupt
         self._events = events
-        self.detector = StopDetector(StopLimits.from_parameters(values))
-        self._instantaneous = values["imu.sampling"] == "instantaneous"
-        self._zero_velocity = bool(values["zupt.zero_velocity"])
-        self._filter_takes = values["aiding.stops"] != "none"
-        self._max_rocking = math.radians(number("zupt.max_rocking_deg"))
-        self._drift_walk = number("imu.gyro_bias_walk_deg_per_hour_per_sqrt_hour") * _DEG_PER_HOUR / 60.0
-        self._accel_stddev = number("imu.accel_bias_stddev_mg") * MILLI_G
-        self.accel_bias: Triple = tuple(x * MILLI_G for x in values["imu.accel_bias_mg"])  # type: ignore
+        self.detector = StopDetector(StopLimits.of(configuration.stop, imu))
+        self._instantaneous = imu.instantaneous
+        self._zero_velocity = zupt.zero_velocity
+        self._filter_takes = configuration.aiding.stops != "none"
+        self._max_rocking = zupt.max_rocking
+        self._drift_walk = imu.gyro_bias_walk
+        self._accel_stddev = imu.accel_bias_stddev
+        self.accel_bias: Triple = imu.accel_bias
         self.passive = False
         self.restart()
 

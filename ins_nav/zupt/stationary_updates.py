@@ -10,18 +10,18 @@ Either that, or what ZUPT calls measure and zero velocity with them: a matter of
 import bisect
 import math
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
-from ins_nav.config.parameters import Value
+from ins_nav.config.sections import AidingSection, ImuSection
 from ins_nav.estimation.observation import Measurement, Solution
 from ins_nav.event_log import INFO, EventLog
 from ins_nav.mechanization.nav_state import NavState, heading_change
 from ins_nav.mechanization.strapdown import Sample
 from ins_nav.stop_detection.detector import Change
-from ins_nav.zupt.calibration import DOUBT_SIGMAS, DOUBT_SPEED, MILLI_G, SETTLE_NS
+from ins_nav.zupt.calibration import DOUBT_SIGMAS, DOUBT_SPEED, SETTLE_NS
 from ins_nav.zupt.measurements import ResidualRate, ZeroVelocity
 from ins_nav.zupt.stationary_rates import StationaryRates
 from ins_nav.zupt.stop_records import Triple, without
@@ -51,18 +51,18 @@ class StationaryUpdates:
 
     Parameters
     ----------
-    values : mapping
-        Of the parameters.
+    imu : ImuSection
+    aiding : AidingSection
     events : EventLog
     """
 
-    def __init__(self, values: Mapping[str, Value], events: EventLog) -> None:
+    def __init__(self, imu: ImuSection, aiding: AidingSection, events: EventLog) -> None:
         self._events = events
-        self._instantaneous = values["imu.sampling"] == "instantaneous"
-        self._by_zupt = values["aiding.stops"] == "zupt"
-        self._wanted = values["aiding.stops"] != "none"
-        self._stddev = float(values["aiding.stop_velocity_stddev"])  # type: ignore[arg-type]
-        self._accel_stddev = float(values["imu.accel_bias_stddev_mg"]) * MILLI_G  # type: ignore[arg-type]
+        self._instantaneous = imu.instantaneous
+        self._by_zupt = aiding.stops == "zupt"
+        self._wanted = aiding.stops != "none"
+        self._stddev = aiding.stop_velocity_stddev
+        self._accel_stddev = imu.accel_bias_stddev
         self.begin(None)
 
     def begin(self, stopped_since_ns: int | None) -> None:

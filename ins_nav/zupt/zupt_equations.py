@@ -28,11 +28,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
+from ins_nav.config.declaration import DEG_PER_HOUR
 from ins_nav.errors import InsNavError
 
 Array = NDArray[np.float64]
 
-_DEG_PER_HOUR = math.radians(1.0) / 3600.0
 _MIN_TURN = math.radians(20.0)
 """A smaller turn multiplies the errors of the drifts by more than 1 / (2 sin 10°), about 3."""
 _MAX_CONDITION = 30.0
@@ -97,7 +97,7 @@ class Calibration:
         """What was found, for a person."""
         sigma = np.sqrt(np.diag(self.covariance))
         drifts = ", ".join(
-            f"{axis} {w / _DEG_PER_HOUR:+.4f} ± {s / _DEG_PER_HOUR:.4f}"
+            f"{axis} {w / DEG_PER_HOUR:+.4f} ± {s / DEG_PER_HOUR:.4f}"
             for axis, w, s in zip("xyz", self.drift, sigma[:3], strict=True)
         )
         text = f"gyro drifts in °/h: {drifts}"

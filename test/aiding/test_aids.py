@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from ins_nav.aiding import aids
 from ins_nav.aiding.aids import Observation, Record, Settings
-from ins_nav.config.parameters import checked_values
+from ins_nav.aiding.parameters import configuration
 from ins_nav.estimation.observation import Solution, Update
 from ins_nav.mechanization import earth, nav_state
 
@@ -22,7 +22,7 @@ SOLUTION = Solution(STATE, (0.0, 0.0, 0.1), (0.0, 0.0, 0.0), True, 0.0)
 
 
 def _settings(name: str = "gnss", **overrides: float) -> Settings:
-    return Settings.of(name, checked_values({f"{name}.{key}": value for key, value in overrides.items()}))
+    return Settings.of(name, configuration({f"{name}.{key}": value for key, value in overrides.items()}).values)
 
 
 def _seen(name: str, *value: float, covariance: np.ndarray | None = None) -> Observation:
@@ -34,7 +34,7 @@ def _seen(name: str, *value: float, covariance: np.ndarray | None = None) -> Obs
 
 
 def test_settings_are_those_of_the_parameters() -> None:
-    values = checked_values(
+    values = configuration(
         {
             "log.enabled": False,
             "log.default_stddev": 0.4,
@@ -44,30 +44,30 @@ def test_settings_are_those_of_the_parameters() -> None:
             "log.gate": 1e-3,
             "log.patience": 30.0,
         }
-    )
+    ).values
     assert Settings.of("log", values) == Settings(False, 0.4, 0.02, (1.0, -2.0, 3.0), 250_000_000, 1e-3, 30.0)
 
 
 def test_only_enabled_aids_are_made() -> None:
     every = {"gnss", "gnss_velocity", "log", "depth", "pressure"}
-    assert set(aids.make(checked_values({}))) == every
+    assert set(aids.make(configuration({}).values)) == every
     off = {f"{name}.enabled": False for name in every | {"range"}}
-    assert aids.make(checked_values(off | {"range.beacons": "a"})) == {}
-    assert set(aids.make(checked_values(off | {"log.enabled": True}))) == {"log"}
+    assert aids.make(configuration(off | {"range.beacons": "a"}).values) == {}
+    assert set(aids.make(configuration(off | {"log.enabled": True}).values)) == {"log"}
 
 
 def test_own_states() -> None:
-    made = aids.make(checked_values({"gnss.slow_stddev": 2.0, "gnss.slow_time": 50.0, "log.scale_stddev": 0.03}))
+    made = aids.make(configuration({"gnss.slow_stddev": 2.0, "gnss.slow_time": 50.0, "log.scale_stddev": 0.03}).values)
     drift = made["gnss"].states
     # first order: stationary deviation is walk * sqrt(time / 2)
     assert len(drift) == 3 and drift[0].walk * math.sqrt(drift[0].correlation_time / 2.0) == pytest.approx(2.0)
     assert [state.stddev for state in made["log"].states] == pytest.approx([0.03, *[math.radians(0.5)] * 2])
-    assert aids.make(checked_values({}))["gnss"].states == ()
+    assert aids.make(configuration({}).values)["gnss"].states == ()
     assert [state.stddev for state in made["depth"].states] == [1000.0]  # where the surface is
-    made = aids.make(checked_values({"depth.surface_height": 0.0}))
+    made = aids.make(configuration({"depth.surface_height": 0.0}).values)
     assert made["depth"].states == made["pressure"].states == ()
     values = {"log.scale": 0.01, "log.pitch_deg": -1.0, "log.yaw_deg": 2.0, "log.water_track": True}
-    log = aids.make(checked_values(values))["log"].states
+    log = aids.make(configuration(values).values)["log"].states
     assert [state.value for state in log] == pytest.approx([0.01, math.radians(-1.0), math.radians(2.0), 0.0, 0.0])
     assert log[4].walk * math.sqrt(log[4].correlation_time / 2.0) == pytest.approx(log[4].stddev)
 
@@ -131,7 +131,7 @@ def test_covariance_is_positive_whatever_is_given(rows: list[float], missing: se
 
 def test_fix_at_the_antenna_has_no_innovation() -> None:
     """A lever arm of 2 m forward: the antenna is there."""
-    made = aids.make(checked_values({"gnss.lever_arm": [2.0, 0.0, 0.0]}))["gnss"]
+    made = aids.make(configuration({"gnss.lever_arm": [2.0, 0.0, 0.0]}).values)["gnss"]
     away = nav_state.corrected(STATE, (2.0 * math.cos(0.4), 2.0 * math.sin(0.4), 0.0))
     there = nav_state.geodetic(away)
     seen = made.measure(SOLUTION, np.zeros(0), _seen("gnss", there.lat, there.lon, there.height))
@@ -139,7 +139,7 @@ def test_fix_at_the_antenna_has_no_innovation() -> None:
 
 
 def test_slow_error_of_a_fix_is_taken_out() -> None:
-    made = aids.make(checked_values({"gnss.slow_stddev": 2.0}))["gnss"]
+    made = aids.make(configuration({"gnss.slow_stddev": 2.0}).values)["gnss"]
     where = nav_state.geodetic(STATE)
     seen = made.measure(SOLUTION, np.array([1.0, -2.0, 3.0]), _seen("gnss", where.lat, where.lon, where.height))
     assert seen is not None and seen.own is not None
@@ -147,7 +147,7 @@ def test_slow_error_of_a_fix_is_taken_out() -> None:
 
 
 def test_velocity_without_up() -> None:
-    made = aids.make(checked_values({}))["gnss_velocity"]
+    made = aids.make(configuration({}).values)["gnss_velocity"]
     full = made.measure(SOLUTION, np.zeros(0), _seen("gnss_velocity", 3.0, 4.0, 0.5))
     flat = made.measure(SOLUTION, np.zeros(0), _seen("gnss_velocity", 3.0, 4.0, NAN))
     assert full is not None and flat is not None
@@ -157,26 +157,26 @@ def test_velocity_without_up() -> None:
 
 
 def test_log_takes_the_axes_that_are_there() -> None:
-    made = aids.make(checked_values({}))["log"]
+    made = aids.make(configuration({}).values)["log"]
     forward, left, _ = nav_state.velocity_body(STATE)
     seen = made.measure(SOLUTION, np.zeros(3), _seen("log", NAN, left - 0.25, NAN))
     assert seen is not None
     np.testing.assert_allclose(seen.innovation, [0.25], atol=1e-12)
     assert made.measure(SOLUTION, np.zeros(3), _seen("log", NAN, NAN, NAN)) is None
-    turned = aids.make(checked_values({"log.mounting_rpy_deg": [0.0, 0.0, 90.0]}))["log"]
+    turned = aids.make(configuration({"log.mounting_rpy_deg": [0.0, 0.0, 90.0]}).values)["log"]
     seen = turned.measure(SOLUTION, np.zeros(3), _seen("log", left, -forward, 0.0))
     assert seen is not None and np.abs(seen.innovation).max() < 1e-12
 
 
 def test_zeros_of_a_log_are_never_believed_against_the_filter() -> None:
-    made = aids.make(checked_values({}))["log"]
+    made = aids.make(configuration({}).values)["log"]
     assert made.patience(_seen("log", 0.0, NAN, NAN)) == made.patience(_seen("log", 0.0, 0.0, 0.0)) == 0.0
     assert made.patience(_seen("log", 0.0, 0.1, NAN)) == made.settings.patience == 180.0
 
 
 def test_depth_counts_from_the_surface() -> None:
     values = {"depth.surface_height": 160.0, "depth.lever_arm": [0.0, 0.0, -1.0]}
-    made = aids.make(checked_values(values))["depth"]
+    made = aids.make(configuration(values).values)["depth"]
     # the gauge is 1 m below the IMU at 150 m: 11 m under a surface at 160 m
     seen = made.measure(SOLUTION, np.zeros(0), _seen("depth", 11.0, covariance=np.array([[0.04]])))
     assert seen is not None
@@ -186,7 +186,7 @@ def test_depth_counts_from_the_surface() -> None:
 
 def test_depth_finds_the_surface_that_is_not_given() -> None:
     """The first depth says where it is; a value of the filter's own state moves it."""
-    made = aids.make(checked_values({}))["depth"]
+    made = aids.make(configuration({}).values)["depth"]
     seen = made.measure(SOLUTION, np.zeros(1), _seen("depth", 11.0, covariance=np.eye(1)))
     assert seen is not None and seen.own is not None
     np.testing.assert_allclose(seen.innovation, [0.0], atol=1e-9)
@@ -198,7 +198,7 @@ def test_depth_finds_the_surface_that_is_not_given() -> None:
 
 def test_pressure_is_the_weight_of_water() -> None:
     values = {"pressure.surface_pressure": 100e3, "pressure.density": 1000.0, "depth.surface_height": 160.0}
-    made = aids.make(checked_values(values))["pressure"]
+    made = aids.make(configuration(values).values)["pressure"]
     weight = 1000.0 * earth.normal_gravity(math.sin(math.radians(55.7)), 150.0)
     seen = made.measure(SOLUTION, np.zeros(0), _seen("pressure", 100e3 + 10.5 * weight, covariance=np.eye(1) * 100.0))
     assert seen is not None
@@ -217,7 +217,7 @@ def _moored(**overrides: object) -> dict[str, object]:
 
 
 def test_range_to_a_moored_beacon() -> None:
-    made = aids.make(checked_values(_moored()))
+    made = aids.make(configuration(_moored()).values)
     assert {"range/a", "range/b2", "beacon/b2/fix"} <= made.keys() and "beacon/a/fix" not in made
     away = np.subtract(
         nav_state.position_ecef(STATE), earth.geodetic_to_ecef(math.radians(55.701), math.radians(37.6), 50.0)
@@ -231,7 +231,7 @@ def test_range_to_a_moored_beacon() -> None:
 
 def test_range_is_worth_less_where_the_place_is_hardly_known() -> None:
     """To second order, against draws of the position across the direction."""
-    made = aids.make(checked_values(_moored()))["range/a"]
+    made = aids.make(configuration(_moored()).values)["range/a"]
     p = np.diag([10.0, 15.0, 5.0]) ** 2
     away = np.subtract(
         nav_state.position_ecef(STATE), earth.geodetic_to_ecef(math.radians(55.701), math.radians(37.6), 50.0)
@@ -251,7 +251,7 @@ def test_range_is_worth_less_where_the_place_is_hardly_known() -> None:
 
 def test_range_to_a_beacon_that_floats() -> None:
     """It is where its sound left it: 1500 m take a second, in which it goes 2 m."""
-    made = aids.make(checked_values({"range.beacons": "ship", "range.beacon_speed": 2.0}))
+    made = aids.make(configuration({"range.beacons": "ship", "range.beacon_speed": 2.0}).values)
     ranges, fixes = made["range/ship"], made["beacon/ship/fix"]
     assert isinstance(ranges, aids.Range) and ranges.shares == "beacon/ship/fix"
     own = np.zeros(2 + 6)
@@ -276,7 +276,7 @@ def test_range_to_a_beacon_that_floats() -> None:
         one, other = (ranges.measure(SOLUTION, own + x, arrived) for x in (step, -step))
         assert one is not None and other is not None
         assert seen.own[0, i] == pytest.approx((one.innovation[0] - other.innovation[0]) / 2e-2, abs=1e-5)
-    twice = aids.make(checked_values({"range.beacons": "ship", "range.two_way": True}))["range/ship"]
+    twice = aids.make(configuration({"range.beacons": "ship", "range.two_way": True}).values)["range/ship"]
     assert isinstance(twice, aids.Range) and twice.two_way and twice.travel_time(1500.0) == 1.0
 
 

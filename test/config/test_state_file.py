@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from ins_nav.aiding.parameters import configuration
 from ins_nav.cli.process import main as process
 from ins_nav.config.parameters import Value, read_file
 from ins_nav.config.state_file import Pose, StateFileError, load, log_calibration, read_calibration, save
@@ -23,7 +24,7 @@ def test_what_is_saved_is_loaded(tmp_path: Path) -> None:
     assert log["log.misalignment_stddev_deg"] == pytest.approx(math.degrees(2e-3))
     for parameters in (BIASES, BIASES | log):
         save(path, parameters, POSE)
-        assert load(path) == (parameters, POSE)
+        assert load(path, configuration()) == (parameters, POSE)
         assert list(tmp_path.iterdir()) == [path]
     # a parameter file as any other
     assert read_file(path)["imu.gyro_bias_deg_per_hour"] == [0.1, -0.2, 0.3]
@@ -64,21 +65,21 @@ def test_damaged(tmp_path: Path, old: str, new: str, text: str) -> None:
         content = content.replace(old, new)
     path.write_text(content)
     with pytest.raises(StateFileError) as caught:
-        load(path)
+        load(path, configuration())
     assert str(caught.value).startswith(f"state_file {path}: ") and text in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
 def test_absent(tmp_path: Path) -> None:
     with pytest.raises(StateFileError, match="No such file"):
-        load(tmp_path / "state.yaml")
+        load(tmp_path / "state.yaml", configuration())
 
 
 def test_calibration_in_a_message() -> None:
     log = log_calibration([(0.01, 1e-4), (0.002, 1e-3), (-0.003, 2e-3)])
-    assert read_calibration(list(log), list(log.values())) == log  # type: ignore[arg-type]
-    assert read_calibration(list(log)[:-1], [0.0] * 4) is None
-    assert read_calibration(list(log), [7.0] * 5) is None  # out of range
+    assert read_calibration(list(log), list(log.values()), configuration()) == log  # type: ignore[arg-type]
+    assert read_calibration(list(log)[:-1], [0.0] * 4, configuration()) is None
+    assert read_calibration(list(log), [7.0] * 5, configuration()) is None  # out of range
     assert log_calibration([]) == {}
 
 
@@ -116,7 +117,7 @@ def test_a_start_takes_up_what_was_saved(tmp_path: Path) -> None:
         f"log.misalignment_stddev_deg and the pose written to {path}"
     )
     second = _fed(simulation, state_file=str(path))
-    assert second.gyro_bias[0] == pytest.approx(1e-6) and second.parameters["log.scale"] == 0.01
+    assert second.gyro_bias[0] == pytest.approx(1e-6) and second.configuration.values["log.scale"] == 0.01
     assert second.log_calibration == first.log_calibration  # to be saved again
     # nobody said where it is: where it was
     assert second.phase is Phase.NAVIGATING and second.covariance is not None
@@ -149,5 +150,5 @@ def test_ins_process_saves(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
     assert "ins_process: --save: where to? Add --param state_file:=FILE" in capsys.readouterr().err
     path = tmp_path / "state.yaml"
     assert process([*arguments, *short, "--overwrite", "--param", f"state_file:={path}"]) == 0
-    kept, pose = load(path)
+    kept, pose = load(path, configuration())
     assert set(kept) == {"imu.gyro_bias_deg_per_hour", "imu.accel_bias_mg"} and pose.latitude_deg > 0.0

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from ins_nav.config.sections import ImuSection
 from ins_nav.event_log import ERROR, INFO, WARN, EventLog, Report
 from ins_nav.mechanization.imu_stream import TOPIC, ImuStream
 from ins_nav.mechanization.strapdown import Sample
@@ -31,7 +32,9 @@ class Fed:
 
     def __init__(self, max_gap: float = 10.0, instantaneous: bool = False) -> None:
         self.events = EventLog()
-        self.stream = ImuStream(self.events, 35.0, 400.0, max_gap, instantaneous)
+        self.stream = ImuStream(
+            self.events, ImuSection(max_gap=max_gap, sampling="instantaneous" if instantaneous else "averaged")
+        )
         self.out: list[tuple[int, Sample | float]] = []
 
     def put(self, stamp_ns: int, values: tuple[float, ...] = VALUES) -> tuple[tuple[int, Sample | float], ...]:

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 from ros_harness import Listener, Process, Ros, needs_ros
 
+from ins_nav.config.sections import StopDetectorSection
 from ins_nav.simulation.recording import write_bag
 from ins_nav.simulation.scenarios import simulate
 from ins_nav.stop_detection.service_schedule import ServiceSchedule
@@ -136,7 +137,7 @@ def calls(policy: ServiceSchedule, length: int, success: bool) -> list[tuple[str
 
 
 def test_policy_start_sequence() -> None:
-    policy = ServiceSchedule("zupt1", 10.0, 20.0)
+    policy = ServiceSchedule(StopDetectorSection("zupt1", 10.0, 20.0))
     both = ("zupt1", "zupt2")
     assert calls(policy, 45, False) == [(name, second) for second in (10, 30) for name in both]
     assert calls(policy, 45, True) == [("zupt1", 10), ("zupt2", 20), ("zupt2", 40)]
@@ -145,14 +146,14 @@ def test_policy_start_sequence() -> None:
     assert calls(policy, 90, True) == [("zupt2", 20), ("zupt2", 40), ("zupt2", 80)]
     policy.restart()
     assert calls(policy, 15, True) == [("zupt1", 10)]
-    assert calls(ServiceSchedule("zupt2", 10.0, 20.0), 30, True) == [("zupt2", 20)]
-    none = ServiceSchedule("none", 10.0, 20.0)
+    assert calls(ServiceSchedule(StopDetectorSection("zupt2", 10.0, 20.0)), 30, True) == [("zupt2", 20)]
+    none = ServiceSchedule(StopDetectorSection("none", 10.0, 20.0))
     assert calls(none, 100, True) == []
     assert calls(none, 30, True) == [("zupt2", 20)]
 
 
 def test_policy_waits_for_the_answer() -> None:
-    policy = ServiceSchedule("zupt1", 10.0, 20.0)
+    policy = ServiceSchedule(StopDetectorSection("zupt1", 10.0, 20.0))
     policy.arrive()
     first = policy.take()
     assert policy.due_ns > 3600 * 10**9  # not before the answer

@@ -9,7 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
-from ins_nav.config.parameters import default_values
+from ins_nav.config.configuration import Configuration
+from ins_nav.config.sections import ImuSection
 from ins_nav.event_log import EventLog
 from ins_nav.mechanization.imu_stream import ImuStream
 from ins_nav.messages.stamps import stamp_of
@@ -37,7 +38,7 @@ def samples(simulation: Simulation) -> list[tuple[int, list[float]]]:
 def run(messages: list[tuple[int, list[float]]], detector: StopDetector | None = None) -> list[Stop]:
     """Stops found in a stream of stamps and values; one that lasts to the end ends there."""
     detector = detector or StopDetector()
-    stream = ImuStream(EventLog(), 35.0, 400.0, 10.0)
+    stream = ImuStream(EventLog(), ImuSection())
     start, open_stop, found = messages[0][0], None, []
     for stamp, row in messages:
         for taken, sample in stream.accept(stamp, *row):
@@ -330,12 +331,14 @@ def test_noise_is_learnt_or_given() -> None:
     learner = StopDetector()
     run(standing, learner)
     assert np.array(learner.noise) == pytest.approx(true, rel=0.35)
-    values = default_values() | {
-        "imu.gyro_noise_deg_per_sqrt_hour": 0.3,
-        "imu.accel_noise_ug_per_sqrt_hz": 150.0,
-        "stop.sway_deg_per_s": 0.06,
-    }
-    limits = StopLimits.from_parameters(values)
+    told = Configuration.from_overrides(
+        {
+            "imu.gyro_noise_deg_per_sqrt_hour": 0.3,
+            "imu.accel_noise_ug_per_sqrt_hz": 150.0,
+            "stop.sway_deg_per_s": 0.06,
+        }
+    )
+    limits = StopLimits.of(told.stop, told.imu)
     assert limits.sway == pytest.approx(StopLimits().sway, rel=0.05)
     given = StopDetector(limits)
     run(standing[:500], given)
