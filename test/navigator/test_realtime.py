@@ -145,7 +145,7 @@ def _with_antenna(**parameters: Any) -> tuple[Fed, np.ndarray]:
     place = earth.geodetic_to_ecef(math.radians(55.7), math.radians(37.6), 150.0)
     where = fed.geodetic()
     found = earth.geodetic_to_ecef(where.lat, where.lon, where.height)
-    axes = strapdown.enu_axes(math.radians(55.7), math.radians(37.6))
+    axes = earth.enu_axes(math.radians(55.7), math.radians(37.6))
     return fed, np.subtract(found, place) @ axes
 
 
