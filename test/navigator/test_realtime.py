@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from ins_nav.config.parameters import ParameterError
-from ins_nav.mechanization import attitude, earth, nav_state, strapdown
+from ins_nav.mechanization import attitude, earth, nav_state
 from ins_nav.navigator.realtime import Phase, RealtimeNavigator
 from ins_nav.simulation.scenarios import Simulation, simulate
 
