@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from bench.markdown import table
 from ins_nav.cli.process import Calls, feed, input_topics
+from ins_nav.config.declaration import DEG_PER_HOUR
 from ins_nav.mechanization import nav_state, strapdown
 from ins_nav.mechanization.nav_state import NavState
 from ins_nav.mechanization.strapdown import Sample
@@ -26,7 +27,6 @@ _FREE = 60.0
 _LEAST = 10.0
 """s: shorter stops are not counted."""
 _NS = 1e-9
-_DEG_PER_HOUR = math.radians(1.0) / 3600.0
 _TACTICAL: Mapping[str, object] = {
     "imu.gyro_bias_stddev_deg_per_hour": 3.0,
     "imu.gyro_bias_walk_deg_per_hour_per_sqrt_hour": 1.0,
@@ -166,10 +166,10 @@ def _kingston(ways: Sequence[Way], journeys: Sequence[Journey]) -> str:
     for i, one in enumerate(whole):
         errors = [journey.departures[i].error for journey in journeys]
         if not math.isnan(errors[0]):
-            vertical = one.gyro_bias[2] / _DEG_PER_HOUR
+            vertical = one.gyro_bias[2] / DEG_PER_HOUR
             rows.append([f"{one.began:.0f} s, {one.length:.0f} s long", *map(_metres, errors), f"{vertical:+.2f}"])
     rms = [math.sqrt(np.nanmean([one.error**2 for one in journey.departures])) for journey in journeys]
-    worst = max(abs(one.gyro_bias[2] / _DEG_PER_HOUR - _VERTICAL_DRIFT) for one in whole)
+    worst = max(abs(one.gyro_bias[2] / DEG_PER_HOUR - _VERTICAL_DRIFT) for one in whole)
     rows.append(["RMS", *map(_metres, rms), f"off by {worst:.2f} (limit 2)"])
     head = [
         f"kingston_a, from the stop at: error after {_FREE:g} s, m",

@@ -222,7 +222,7 @@ def main(argv: Sequence[str] | None = None) -> int | None:
             raise InsNavError(f"--nodes: no node {node!r}{suggestion(node, NODES)}")
     overrides: dict[str, object] = {}
     for file in args.params_file:
-        overrides |= read_file(file, *args.nodes, "ins_node", "ins_process", namespace=args.namespace)
+        overrides |= read_file(file, *args.nodes, "ins_node", "/ins_process", namespace=args.namespace)
     overrides |= dict(map(parse_assignment, args.param))
     navigator = RealtimeNavigator(overrides)
     if args.save and not navigator.configuration.state_file.path:

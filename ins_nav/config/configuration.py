@@ -38,7 +38,7 @@ class Configuration:
     imu, initial, alignment, navigation, zupt, stop, stop_detector, aiding, publish, frames, state_file : Section
         In SI units and radians.
     rows : tuple of Parameter
-        The whole table: those of the sections, then those of aids.
+        The whole table: those of the sections, then the others.
     values : mapping
         Checked values of ``rows`` by full name, in the units of the parameters.
     warnings : tuple of str
@@ -64,7 +64,7 @@ class Configuration:
     def from_overrides(
         cls,
         overrides: Mapping[str, object] | None = None,
-        aid_rows: Iterable[Parameter] = (),
+        others: Iterable[Parameter] = (),
         gone: Mapping[str, str] = GONE,
     ) -> Self:
         """The overrides, checked, over the defaults.
@@ -73,8 +73,8 @@ class Configuration:
         ----------
         overrides : mapping, optional
             Values by full name, in the units of the parameters; former names are understood.
-        aid_rows : iterable of Parameter
-            Rows of the table that are not of the sections here.
+        others : iterable of Parameter
+            Rows of the table that are not of the sections here: those of aids.
         gone : mapping
             Names that are accepted without effect, each with what to do instead.
 
@@ -82,7 +82,7 @@ class Configuration:
         ------
         ParameterError
         """
-        rows = (*section_rows(), *aid_rows)
+        rows = grouped([*section_rows(), *others])
         present, warnings = present_overrides(overrides or {}, rows, gone)
         return cls._of(checked_values(present, rows), rows, warnings)
 
@@ -106,6 +106,14 @@ class Configuration:
 def section_rows() -> list[Parameter]:
     """Rows of the table that are not of aids."""
     return [row for _, prefix, kind in _sections() for row in kind.rows(prefix)]
+
+
+def grouped(rows: Iterable[Parameter]) -> list[Parameter]:
+    """The rows, those with the same prefix one after the other."""
+    groups: dict[str, list[Parameter]] = {}
+    for row in rows:
+        groups.setdefault(row.name.rpartition(".")[0], []).append(row)
+    return [row for group in groups.values() for row in group]
 
 
 def _sections() -> Iterator[tuple[str, str, type[Section]]]:

@@ -171,9 +171,9 @@ def read_file(path: str | Path, *nodes: str, namespace: str | None = None) -> di
     ----------
     path : str or Path
     *nodes : str
-        Names without namespace.
+        Names in the namespace; one with a leading slash is a full name.
     namespace : str, optional
-        Of the nodes. Default: the one that the file's sections for these nodes are of; the root where there is none.
+        Default: the one that the file's sections for these nodes are of; the root where there is none.
 
     Raises
     ------
@@ -184,7 +184,8 @@ def read_file(path: str | Path, *nodes: str, namespace: str | None = None) -> di
     names = [name for name, _ in sections]
     if namespace is None:
         namespace = _namespace(path, names, nodes)
-    full_names = [f"{namespace.rstrip('/')}/{node}" for node in nodes] or [""]
+    prefix = namespace.rstrip("/")
+    full_names = [node if node.startswith("/") else f"{prefix}/{node}" for node in nodes] or [""]
     overrides: dict[str, object] = {}
     found = False
     for full_name in full_names:

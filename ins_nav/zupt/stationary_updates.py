@@ -73,7 +73,7 @@ class StationaryUpdates:
 
     def _leave(self) -> None:
         self._segment: StationaryRates | None = None
-        self._segment_biases: tuple[Triple, Triple] = ((0.0,) * 3, (0.0,) * 3)  # type: ignore[assignment]
+        self._segment_biases: tuple[Triple, Triple] = ((0.0,) * 3, (0.0,) * 3)
         self._turned = self._time = 0.0
         self._way = [0.0] * 3
         self._moved = [0.0] * 3

@@ -88,7 +88,7 @@ def test_publish_rate_and_bias_and_diagnostics(drive: Path, tmp_path: Path) -> N
 def test_parameter_file(drive: Path, tmp_path: Path) -> None:
     file = tmp_path / "p.yaml"
     file.write_text(
-        "/**:\n  ros__parameters:\n    alignment: {level_duration: 2}\n    map_frame: odom\n"
+        "/**:\n  ros__parameters:\n    alignment: {level_duration: 2}\n    frames.map: odom\n"
         "ins_process:\n  ros__parameters:\n    initial.heading_deg: 75\n"
     )
     out = tmp_path / "out"
@@ -97,6 +97,24 @@ def test_parameter_file(drive: Path, tmp_path: Path) -> None:
     assert first.header.frame_id == "odom"
     yaw = rotation(first.pose.pose.orientation).as_euler("ZYX")[0]
     assert math.degrees(yaw) == pytest.approx(15.0, abs=1e-3)
+
+
+def test_dumps_of_nodes_in_a_namespace(drive: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    """As `ros2 param dump` writes them, by a version with another name for frames.map."""
+    files = []
+    for node, more in (("ins_node", "alignment.level_duration: 2.0"), ("alignment_node", "map_frame: odom")):
+        files.append(tmp_path / f"{node}.yaml")
+        files[-1].write_text(
+            f"/robot/{node}:\n  ros__parameters:\n    {more}\n    initial.heading_deg: 75.0\n    use_sim_time: false\n"
+            "    qos_overrides: {/imu/data_raw: {subscription: {depth: 10}}}\n"
+        )
+    given = [part for file in files for part in ("--params-file", str(file))]
+    assert main([str(drive), "-o", str(tmp_path / "out"), *given]) == 0
+    assert next(iter(series(tmp_path / "out", "odometry").values())).header.frame_id == "odom"
+    assert capfd.readouterr().err.count("parameter map_frame is frames.map now") == 1
+    other = ["--namespace", "/ship", "--overwrite"]
+    assert main([str(drive), "-o", str(tmp_path / "out"), *given, *other]) == 1
+    assert "has sections /robot/ins_node, but none for /ship/" in capfd.readouterr().err
 
 
 @pytest.mark.parametrize(

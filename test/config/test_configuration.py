@@ -65,9 +65,14 @@ def test_every_row_is_of_a_section_and_has_its_default() -> None:
 
 
 def test_rows_of_aids_are_checked_too() -> None:
-    rows = [Parameter("echo.delay", 0.0, "of echoes, s", 0.0, 10.0)]
+    rows = [
+        Parameter("echo.delay", 0.0, "of echoes, s", 0.0, 10.0),
+        Parameter("imu.colour", "red", "of its case"),
+    ]
     found = Configuration.from_overrides({"echo.delay": 3}, rows)
     assert found.values["echo.delay"] == 3.0 and found.rows[-1] is rows[0]
+    names = [row.name for row in found.rows]
+    assert names.index("imu.colour") == names.index("imu.max_gap") + 1  # with those of its group
     with pytest.raises(ParameterError, match=r"echo.delay: 11 is outside"):
         Configuration.from_overrides({"echo.delay": 11}, rows)
     assert found.updated({"echo.delay": 4.0, "imu.max_gap": 2}).values["echo.delay"] == 4.0

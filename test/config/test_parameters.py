@@ -144,6 +144,14 @@ def test_namespace_is_that_of_the_sections_for_the_node(tmp_path: Path) -> None:
         read_file(_file(tmp_path, section), "ins_node", namespace="/")
 
 
+def test_full_names_are_in_no_other_namespace(tmp_path: Path) -> None:
+    path = _file(
+        tmp_path,
+        "/robot/ins_node: {ros__parameters: {imu.max_gap: 1.0}}\nins_process: {ros__parameters: {publish.rate: 2.0}}\n",
+    )
+    assert read_file(path, "ins_node", "/ins_process") == {"imu.max_gap": 1.0, "publish.rate": 2.0}
+
+
 def test_a_later_node_overrides_an_earlier_one(tmp_path: Path) -> None:
     path = _file(
         tmp_path,
