@@ -1,29 +1,116 @@
 """The IMU's stream: turns stamped samples, good and bad, into intervals that can be integrated.
 
-Bad input never reaches the state: it is counted, and told in a line that names the topic, the value and the
-remedy. A jump of the stamps (back, or far ahead) is believed only when the next sample goes on from it, so one
+Bad input never reaches the state: it is counted, and reported in a line that names the topic, the value and the
+remedy. A jump of the stamps (back, or far ahead) is accepted only when the next sample continues from it, so one
 wrong stamp costs one sample and a looped bag restarts cleanly.
 """
 
 import math
-from statistics import median
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from ins_nav.config.sections import ImuSection
-from ins_nav.event_log import ERROR, WARN, EventLog
+from ins_nav.event_log import ERROR, INFO, WARN, EventLog
+from ins_nav.mechanization.compiled import compiled
+from ins_nav.mechanization.sample_interval import FIRST_GAP, SampleInterval
 from ins_nav.mechanization.strapdown import Sample
 
 TOPIC = "imu/data_raw"
-_LEARN = 25
-"""Intervals whose median is the nominal one."""
-_FIRST_GAP = 0.25
-"""s: longest interval taken as regular before the nominal one is known (10 Hz with jitter)."""
-_GAP_RATIO = 1.75
-"""Intervals this many times the nominal one count as gaps: a lost sample makes 2, jitter seldom over 1.5."""
 _RESTART_BACK = 1.0
 """s: a stamp further back than this is a restart (a looped bag), a nearer one is out of order."""
+_NEVER = -(2**63)
+"""ns: before any stamp."""
 
+Values = tuple[float, float, float, float, float, float]
+"""Angular rate, rad/s, and specific force, m/s²."""
 Restart = float
 """Seconds by which the stamps jumped: what came before is over."""
+Outcome = tuple[tuple[int, Sample | Restart], ...]
+"""Stamped, in order."""
+
+
+class Block(NamedTuple):
+    """What came of a block of messages.
+
+    Attributes
+    ----------
+    stamps : ndarray of int64, shape (m,)
+        Of the accepted samples, ns.
+    samples : ndarray, shape (m, 7)
+        The accepted samples, a `Sample` a row.
+    restarts : list of (int, Restart)
+        Each before the sample of that row.
+    """
+
+    stamps: NDArray[np.int64]
+    samples: NDArray[np.float64]
+    restarts: list[tuple[int, Restart]]
+
+
+def regular_interval(
+    stamp_ns: int,
+    last_ns: int,
+    until_ns: int,
+    regular: float,
+    max_rate2: float,
+    max_force2: float,
+    wx: float,
+    wy: float,
+    wz: float,
+    fx: float,
+    fy: float,
+    fz: float,
+) -> float:
+    """The interval that a regular sample ends, s; 0 for any other sample.
+
+    Parameters
+    ----------
+    stamp_ns, last_ns : int
+        Of the sample and of the last accepted one.
+    until_ns : int
+        Regular samples have earlier stamps.
+    regular : float
+        Longest interval that is no gap, s.
+    max_rate2, max_force2 : float
+        Squares of the largest credible angular rate, rad/s, and specific force, m/s².
+    wx, wy, wz, fx, fy, fz : float
+        rad/s and m/s²; not necessarily finite.
+    """
+    h = (stamp_ns - last_ns) * 1e-9
+    if (
+        0.0 < h <= regular
+        and stamp_ns < until_ns
+        and wx * wx + wy * wy + wz * wz <= max_rate2
+        and fx * fx + fy * fy + fz * fz <= max_force2
+    ):
+        return h
+    return 0.0
+
+
+def _regular_run(
+    stamps: NDArray[np.int64],
+    values: NDArray[np.float64],
+    first: int,
+    last_ns: int,
+    until_ns: int,
+    regular: float,
+    max_rate2: float,
+    max_force2: float,
+    samples: NDArray[np.float64],
+    row: int,
+) -> int:
+    """Write the regular samples from ``first`` on into the rows from ``row`` on; the number of them."""
+    for i in range(first, len(stamps)):
+        wx, wy, wz, fx, fy, fz = values[i]
+        h = regular_interval(stamps[i], last_ns, until_ns, regular, max_rate2, max_force2, wx, wy, wz, fx, fy, fz)
+        if h == 0.0:
+            return i - first
+        samples[row + i - first, 0] = h
+        samples[row + i - first, 1:] = values[i]
+        last_ns = stamps[i]
+    return len(stamps) - first
 
 
 class ImuStream:
@@ -34,6 +121,11 @@ class ImuStream:
     events : EventLog
         Where events are counted.
     imu : ImuSection
+
+    Attributes
+    ----------
+    received, accepted : int
+        Number of messages.
     """
 
     def __init__(self, events: EventLog, imu: ImuSection) -> None:
@@ -43,19 +135,24 @@ class ImuStream:
         self._max_gap = imu.max_gap
         self._instantaneous = imu.instantaneous
         self._stamp = 0
-        self._last: tuple[float, ...] | None = None
-        self._pending: tuple[int, tuple[float, ...]] | None = None
-        self._intervals: list[float] = []
-        self.regular = _FIRST_GAP
-        """Longest interval that is no gap, s."""
-        self.nominal = math.nan
-        """Interval between samples, s: the median of the first ones."""
+        self._until_ns = _NEVER
+        self._last: Values | None = None
+        self._pending: tuple[int, Values] | None = None
+        self._interval = SampleInterval()
         self.received = 0
         self.accepted = 0
 
-    def accept(
-        self, stamp_ns: int, wx: float, wy: float, wz: float, fx: float, fy: float, fz: float
-    ) -> tuple[tuple[int, Sample | Restart], ...]:
+    @property
+    def nominal(self) -> float:
+        """Interval between samples, s; NaN until known."""
+        return self._interval.nominal
+
+    @property
+    def regular(self) -> float:
+        """Longest interval that is no gap, s."""
+        return self._interval.regular
+
+    def accept(self, stamp_ns: int, wx: float, wy: float, wz: float, fx: float, fy: float, fz: float) -> Outcome:
         """Check one message.
 
         Parameters
@@ -67,35 +164,110 @@ class ImuStream:
         Returns
         -------
         tuple of (stamp, Sample or Restart)
-            What to do now, in order: nearly always one sample, none for a rejected one. A sample that follows a
-            `Restart`, or is the first, has the interval 0.
+            Nearly always one sample, none for a rejected one. A sample that follows a `Restart`, or is the first, has
+            the interval 0.
         """
         self.received += 1
-        rate2 = wx * wx + wy * wy + wz * wz
-        force2 = fx * fx + fy * fy + fz * fz
-        if not (rate2 <= self._max_rate2 and force2 <= self._max_force2):
-            self._reject_values(stamp_ns, (wx, wy, wz, fx, fy, fz))
-            return ()
-        h = (stamp_ns - self._stamp) * 1e-9
-        values = (wx, wy, wz, fx, fy, fz)
-        if 0.0 < h <= self.regular and self._pending is None and self._last is not None:
-            return (self._take(stamp_ns, h, values),)
-        return self._irregular(stamp_ns, h, values)
+        interval = self._interval
+        h = regular_interval(
+            stamp_ns,
+            self._stamp,
+            self._until_ns,
+            interval.regular,
+            self._max_rate2,
+            self._max_force2,
+            wx,
+            wy,
+            wz,
+            fx,
+            fy,
+            fz,
+        )
+        if h == 0.0:
+            return self._examine(stamp_ns, (wx, wy, wz, fx, fy, fz))
+        self._stamp = stamp_ns
+        self._last = wx, wy, wz, fx, fy, fz
+        self.accepted += 1
+        interval.intervals.append(h)
+        return ((stamp_ns, (h, wx, wy, wz, fx, fy, fz)),)
 
-    def _take(self, stamp_ns: int, h: float, values: tuple[float, ...]) -> tuple[int, Sample]:
+    def accept_block(self, stamps: NDArray[np.int64], values: NDArray[np.float64]) -> Block:
+        """Check a block of messages, as `accept` would one after the other; compiled.
+
+        Parameters
+        ----------
+        stamps : ndarray of int64, shape (n,)
+            ns.
+        values : ndarray, shape (n, 6)
+            Angular rate, rad/s, and specific force, m/s².
+        """
+        n = len(stamps)
+        values = np.ascontiguousarray(values, dtype=float)
+        out = Block(np.empty(n + 1, dtype=np.int64), np.empty((n + 1, 7)), [])  # with the pending one
+        run = compiled(_regular_run)
+        limits = self._max_rate2, self._max_force2
+        i = row = 0
+        self.received += n
+        while i < n:
+            interval = self._interval
+            count = run(stamps, values, i, self._stamp, self._until_ns, interval.regular, *limits, out.samples, row)
+            if count:
+                out.stamps[row : row + count] = stamps[i : i + count]
+                interval.intervals.extend(out.samples[row : row + count, 0].tolist())
+                i, row = i + count, row + count
+                self.accepted += count
+                self._stamp, self._last = int(stamps[i - 1]), tuple(values[i - 1].tolist())
+            if i < n:
+                for stamp, item in self._examine(int(stamps[i]), tuple(values[i].tolist())):
+                    if isinstance(item, float):
+                        out.restarts.append((row, item))
+                    else:
+                        out.stamps[row], out.samples[row] = stamp, item
+                        row += 1
+                i += 1
+        return Block(out.stamps[:row], out.samples[:row], out.restarts)
+
+    def _examine(self, stamp_ns: int, values: Values) -> Outcome:
+        """A sample that `regular_interval` does not accept."""
+        wx, wy, wz, fx, fy, fz = values
+        rate2, force2 = wx * wx + wy * wy + wz * wz, fx * fx + fy * fy + fz * fz
+        if not (rate2 <= self._max_rate2 and force2 <= self._max_force2):
+            self._reject_values(stamp_ns, values)
+            return ()
+        outcome = self._irregular(stamp_ns, (stamp_ns - self._stamp) * 1e-9, values)
+        waits = self._pending is not None or self._last is None
+        self._until_ns = _NEVER if waits else self._interval.due_ns
+        return outcome
+
+    def _accepted(self, stamp_ns: int, h: float, values: Values) -> tuple[int, Sample]:
+        interval = self._interval
         self._stamp = stamp_ns
         self._last = values
         self.accepted += 1
-        if len(self._intervals) < _LEARN and h > 0.0:
-            self._intervals.append(h)
-            if len(self._intervals) == _LEARN:
-                self.nominal = median(self._intervals)
-                self.regular = _GAP_RATIO * self.nominal
-        return stamp_ns, (h, *values)  # type: ignore[return-value]
+        if h == 0.0:
+            interval.begin_window(stamp_ns)
+        else:
+            interval.add(h)
+        if stamp_ns >= interval.due_ns:
+            self._learn(stamp_ns)
+        return stamp_ns, (h, *values)
 
-    def _irregular(
-        self, stamp_ns: int, h: float, values: tuple[float, ...]
-    ) -> tuple[tuple[int, Sample | Restart], ...]:
+    def _learn(self, stamp_ns: int) -> None:
+        interval = self._interval
+        if interval.learn(stamp_ns):
+            now, before = 1e3 * interval.nominal, 1e3 * interval.before
+            text = f"{TOPIC}: the interval between samples is {now:.3g} ms now, {before:.3g} ms before"
+            self._events.count("interval changes", INFO, text, stamp_ns)
+        if interval.in_batches:
+            self._events.count(
+                "batches",
+                WARN,
+                f"{TOPIC}: stamps come in batches, {1.0 / interval.nominal:.3g} Hz in the mean: the driver must stamp "
+                "a sample with the time of its measurement, not of its arrival",
+                stamp_ns,
+            )
+
+    def _irregular(self, stamp_ns: int, h: float, values: Values) -> Outcome:
         if stamp_ns <= 0:
             self._events.count(
                 "zero stamps",
@@ -106,14 +278,14 @@ class ImuStream:
             )
             return ()
         if self._last is None:
-            return (self._take(stamp_ns, 0.0, values),)
+            return (self._accepted(stamp_ns, 0.0, values),)
         if self._pending is not None:
             pending_stamp, pending_values = self._pending
             follows = (stamp_ns - pending_stamp) * 1e-9
-            if 0.0 < follows <= max(self.regular, _FIRST_GAP):
+            if 0.0 < follows <= max(self.regular, FIRST_GAP):
                 self._pending = None
-                return (*self._jump(pending_stamp, pending_values), self._take(stamp_ns, follows, values))
-            if 0.0 < h <= max(self.regular, _FIRST_GAP):
+                return (*self._jump(pending_stamp, pending_values), self._accepted(stamp_ns, follows, values))
+            if 0.0 < h <= max(self.regular, FIRST_GAP):
                 self._pending = None
                 self._events.count(
                     "stamp outliers",
@@ -122,13 +294,13 @@ class ImuStream:
                     f"{(pending_stamp - self._stamp) * 1e-9:+.3f} s, sample rejected: check the driver's clock",
                     stamp_ns,
                 )
-                return self._irregular(stamp_ns, h, values) if h > self.regular else (self._take(stamp_ns, h, values),)
+                return (self._continue(stamp_ns, h, values),)
             if not -_RESTART_BACK < h <= 0.0:  # a third place: neither goes on from the other
                 self._events.count(
                     "stamp outliers",
                     WARN,
                     f"{TOPIC}: stamps jump at every message ({h:+.3f} s now), samples rejected: check the driver's "
-                    f"clock; a rate below {1.0 / _FIRST_GAP:g} Hz is too slow",
+                    f"clock; a rate below {1.0 / FIRST_GAP:g} Hz is too slow",
                     stamp_ns,
                 )
         if h == 0.0:
@@ -148,30 +320,32 @@ class ImuStream:
                 stamp_ns,
             )
             return ()
-        if 0.0 < h <= max(self.regular, _FIRST_GAP):
-            return (self._bridge(stamp_ns, h, values),)
+        if 0.0 < h <= max(self.regular, FIRST_GAP):
+            return (self._continue(stamp_ns, h, values),)
         self._pending = (stamp_ns, values)
         return ()
 
-    def _jump(self, stamp_ns: int, values: tuple[float, ...]) -> tuple[tuple[int, Sample | Restart], ...]:
+    def _continue(self, stamp_ns: int, h: float, values: Values) -> tuple[int, Sample]:
+        return (self._accepted if h <= self.regular else self._bridge)(stamp_ns, h, values)
+
+    def _jump(self, stamp_ns: int, values: Values) -> Outcome:
         """A jump that the next sample confirmed."""
         h = (stamp_ns - self._stamp) * 1e-9
         if 0.0 < h <= self._max_gap:
             return (self._bridge(stamp_ns, h, values),)
         way = "back" if h < 0.0 else f"ahead, more than imu.max_gap ({self._max_gap:g} s)"
         self._events.count("restarts", WARN, f"{TOPIC}: stamps jumped by {h:+.3f} s ({way}): starting again", stamp_ns)
-        self._intervals.clear()
-        self.regular = _FIRST_GAP
-        return (stamp_ns, h), self._take(stamp_ns, 0.0, values)
+        self._interval = SampleInterval()
+        return (stamp_ns, h), self._accepted(stamp_ns, 0.0, values)
 
-    def _bridge(self, stamp_ns: int, h: float, values: tuple[float, ...]) -> tuple[int, Sample]:
+    def _bridge(self, stamp_ns: int, h: float, values: Values) -> tuple[int, Sample]:
         """A gap: the last sample stands for its own interval, the time before it for the mean of its neighbours."""
         assert self._last is not None
         regular = self.nominal if not math.isnan(self.nominal) else h
         lost = round(h / regular) - 1
         if lost > 0:
             self._events.count(
-                "gaps" if h <= _FIRST_GAP else "long gaps",
+                "gaps" if h <= FIRST_GAP else "long gaps",
                 WARN,
                 f"{TOPIC}: gap of {h:.3f} s, about {lost} samples lost, bridged by interpolation: "
                 "check the QoS depth, the network and the driver",
@@ -181,11 +355,11 @@ class ImuStream:
         # values at the stamps need no mean: the straight line between them is what `step` takes
         share = 0.0 if self._instantaneous else 0.5 * max(0.0, h - regular) / h
         last = self._last
-        taken, _ = self._take(stamp_ns, h, values)
-        mean = tuple(share * a + (1.0 - share) * b for a, b in zip(last, values, strict=True))
-        return taken, (h, *mean)  # type: ignore[return-value]
+        self._accepted(stamp_ns, h, values)
+        wx, wy, wz, fx, fy, fz = (share * a + (1.0 - share) * b for a, b in zip(last, values, strict=True))
+        return stamp_ns, (h, wx, wy, wz, fx, fy, fz)
 
-    def _reject_values(self, stamp_ns: int, values: tuple[float, ...]) -> None:
+    def _reject_values(self, stamp_ns: int, values: Values) -> None:
         names = ("angular_velocity.x", ".y", ".z", "linear_acceleration.x", ".y", ".z")
         if not all(math.isfinite(value) for value in values):
             bad = next(i for i, value in enumerate(values) if not math.isfinite(value))

@@ -20,6 +20,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from ins_nav.config.sections import Vector
 from ins_nav.mechanization.attitude import from_rotation_vector, multiply, rotate
 from ins_nav.mechanization.compiled import compiled
 from ins_nav.mechanization.earth import (
@@ -35,7 +36,21 @@ Sample = tuple[float, float, float, float, float, float, float]
 """(interval, rate x y z, specific force x y z): s, rad/s, m/s²."""
 
 
-def compensated_increments(h, wx, wy, wz, fx, fy, fz, dwx, dwy, dwz, dfx, dfy, dfz):
+def compensated_increments(
+    h: float,
+    wx: float,
+    wy: float,
+    wz: float,
+    fx: float,
+    fy: float,
+    fz: float,
+    dwx: float,
+    dwy: float,
+    dwz: float,
+    dfx: float,
+    dfy: float,
+    dfz: float,
+) -> tuple[float, float, float, float, float, float]:
     """Rotation vector of the body and its velocity increment over one interval.
 
     Rate and specific force are taken as linear in time over the interval: their means are ``w`` and ``f``, they
@@ -82,7 +97,17 @@ def compensated_increments(h, wx, wy, wz, fx, fy, fz, dwx, dwy, dwz, dfx, dfy, d
     )
 
 
-def advance(state, h, rotation_x, rotation_y, rotation_z, velocity_x, velocity_y, velocity_z, vertical):
+def advance(
+    state: NavState,
+    h: float,
+    rotation_x: float,
+    rotation_y: float,
+    rotation_z: float,
+    velocity_x: float,
+    velocity_y: float,
+    velocity_z: float,
+    vertical: bool,
+) -> NavState:
     """Carry a state over one interval with the increments of `compensated_increments`.
 
     Earth's rate, the transport rate, gravity and the Coriolis term are taken at the middle of the interval.
@@ -175,7 +200,7 @@ def advance(state, h, rotation_x, rotation_y, rotation_z, velocity_x, velocity_y
     )
 
 
-def step(state, previous, sample, instantaneous, vertical):
+def step(state: NavState, previous: Sample, sample: Sample, instantaneous: bool, vertical: bool) -> NavState:
     """One IMU sample: increments with coning and sculling, then the navigation equations.
 
     Parameters
@@ -221,7 +246,7 @@ def step(state, previous, sample, instantaneous, vertical):
     return advance(state, h, rx, ry, rz, ux, uy, uz, vertical)
 
 
-def without_bias(sample, gyro_bias, accel_bias):
+def without_bias(sample: Sample, gyro_bias: Vector, accel_bias: Vector) -> Sample:
     """A sample, biases removed.
 
     Parameters
@@ -236,7 +261,16 @@ def without_bias(sample, gyro_bias, accel_bias):
     return h, wx - gx, wy - gy, wz - gz, fx - ax, fy - ay, fz - az
 
 
-def _integrate(state, previous, samples, gyro_bias, accel_bias, instantaneous, vertical, states):
+def _integrate(
+    state: NavState,
+    previous: Sample,
+    samples: NDArray[np.float64],
+    gyro_bias: Vector,
+    accel_bias: Vector,
+    instantaneous: bool,
+    vertical: bool,
+    states: NDArray[np.float64],
+) -> None:
     previous = without_bias(previous, gyro_bias, accel_bias)
     for i in range(len(samples)):
         h, wx, wy, wz, fx, fy, fz = samples[i]
@@ -251,8 +285,8 @@ def integrate(
     state: NavState,
     previous: Sample,
     samples: NDArray[np.float64],
-    gyro_bias: tuple[float, float, float] = (0.0, 0.0, 0.0),
-    accel_bias: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    gyro_bias: Vector = (0.0, 0.0, 0.0),
+    accel_bias: Vector = (0.0, 0.0, 0.0),
     *,
     instantaneous: bool = False,
     vertical: bool = True,

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterable
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -80,10 +81,10 @@ def test_good_samples_pass_unchanged() -> None:
 def test_rates_and_jitter(rate: float) -> None:
     """Stamps off by up to 30 % of an interval are not gaps."""
     fed = Fed()
-    stamps = [START + round((i + 0.3 * math.sin(i)) / rate * 1e9) for i in range(200)]
+    stamps = [START + round((i + 0.3 * math.sin(i)) / rate * 1e9) for i in range(300)]
     for stamp in stamps:
         fed.put(stamp)
-    assert fed.stream.accepted == 200
+    assert fed.stream.accepted == 300
     assert fed.counts == {}
     assert sum(_intervals(fed.out)) == pytest.approx((stamps[-1] - stamps[0]) * 1e-9, abs=1e-9)
     assert fed.stream.nominal == pytest.approx(1.0 / rate, rel=0.1)
@@ -297,3 +298,56 @@ def test_any_stream(steps: list[tuple[int, bool, tuple[float, ...]]], learned: b
             last = None
     waiting = fed.stream.received - fed.stream.accepted - fed.rejected
     assert waiting in (0, 1)
+
+
+def _blocks(stream: ImuStream, stamps: list[int], values: list[tuple[float, ...]], size: int) -> list[object]:
+    """What comes of a stream in blocks, in the order of `ImuStream.accept`."""
+    out: list[object] = []
+    for i in range(0, len(stamps), size):
+        block = stream.accept_block(np.array(stamps[i : i + size]), np.array(values[i : i + size]))
+        items: list[object] = [
+            (stamp, tuple(sample)) for stamp, sample in zip(block.stamps.tolist(), block.samples.tolist(), strict=True)
+        ]
+        for row, jump in reversed(block.restarts):
+            items.insert(row, jump)
+        out += items
+    return out
+
+
+_RARE = st.sampled_from([0, -STEP, 3 * STEP, 60 * STEP, -2_000_000_000, 2_000_000_000, 20_000_000_000, -(2**61)])
+_RUN = st.tuples(st.sampled_from([STEP, STEP // 3, 2 * STEP, 60_000]), st.integers(1, 80))
+
+
+@settings(max_examples=150, deadline=None)  # the first example compiles
+@given(
+    st.lists(st.tuples(_RUN, st.lists(st.tuples(_RARE, _VALUE), max_size=3)), min_size=1, max_size=8),
+    st.integers(1, 300),
+    st.booleans(),
+)
+def test_a_block_is_sample_after_sample(
+    parts: list[tuple[tuple[int, int], list[tuple[int, float]]]], size: int, instantaneous: bool
+) -> None:
+    """Runs at several rates, gaps, repeated and backward stamps, restarts, invalid values: the same to the last bit."""
+    stamps, values, stamp = [], [], START
+    for (step, count), rare in parts:
+        for i in range(count):
+            stamp += step
+            stamps.append(stamp)
+            values.append((0.01 * i, *VALUES[1:]))
+        for jump, value in rare:
+            stamp = max(stamp + jump, -(2**61))
+            stamps.append(stamp)
+            values.append((*VALUES[:4], value, 9.8))
+    one, other = Fed(instantaneous=instantaneous), Fed(instantaneous=instantaneous)
+    for at, row in zip(stamps, values, strict=True):
+        one.put(at, row)
+    expected = [item if isinstance(item, float) else (at, item) for at, item in one.out]
+    assert _blocks(other.stream, stamps, values, size) == expected
+    assert (other.counts, other.events.drain()) == (one.counts, one.events.drain())
+    for name in ("received", "accepted", "regular"):
+        assert getattr(other.stream, name) == getattr(one.stream, name)
+
+
+def test_a_block_of_nothing() -> None:
+    block = Fed().stream.accept_block(np.empty(0, dtype=np.int64), np.empty((0, 6)))
+    assert (block.stamps.shape, block.samples.shape, block.restarts) == ((0,), (0, 7), [])
