@@ -110,13 +110,16 @@ class Process:
         wait_until(lambda: self._popen.poll() is not None, timeout, lambda: f"{self.name} runs on: {self._said()}")
         return self._popen.returncode
 
+    def send_signal(self, number: int) -> None:
+        self._popen.send_signal(number)
+
     def interrupt(self) -> None:
         """Send SIGINT, as Ctrl-C does."""
-        self._popen.send_signal(signal.SIGINT)
+        self.send_signal(signal.SIGINT)
 
     def terminate(self) -> None:
         """Send SIGTERM, as a launch system does."""
-        self._popen.terminate()
+        self.send_signal(signal.SIGTERM)
 
     def stop(self, timeout: float = 10.0) -> int:
         """End it by SIGINT and return its exit code; whatever is left of its group is killed."""

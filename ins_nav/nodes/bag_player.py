@@ -11,7 +11,6 @@ import contextlib
 import math
 import os
 import select
-import signal
 import sys
 import termios
 import threading
@@ -28,14 +27,14 @@ from rclpy.exceptions import NameValidationException
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
-from rclpy.signals import SignalHandlerOptions
+from rclpy.task import Future
 from rclpy.validate_topic_name import validate_topic_name
 from rosgraph_msgs.msg import Clock as ClockMessage
 from std_srvs.srv import Trigger
 from tqdm import tqdm
 
 from ins_nav.errors import InsNavError, for_people
-from ins_nav.nodes.runtime import init, message_class, spin
+from ins_nav.nodes.runtime import init, message_class, on_signal, serve
 from ins_nav.recordings.bags import BagReader, DamagedBagError, suggestion
 
 _GLOBAL_TOPICS = ("/tf", "/tf_static", "/clock", "/rosout", "/parameter_events", "/diagnostics")
@@ -364,21 +363,20 @@ def main(args: list[str] | None = None) -> None:
     """Play a bag."""
     with contextlib.ExitStack() as stack:
         stack.callback(rclpy.try_shutdown)
-        # rclpy's own handlers would invalidate the publishers in the middle of a message
-        options = _options(init(args, SignalHandlerOptions.NO))
+        options = _options(init(args))
         bag = stack.enter_context(BagReader(options.bag))
         length = (bag.end_ns - bag.start_ns) * 1e-9
         if options.start_offset > length:
             raise InsNavError(f"--start-offset {options.start_offset:g}: the bag is {length:.1f} s long")
         player = Player(bag, options)
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, lambda *_: player.stop())
-        services = threading.Thread(target=spin, args=(player,))
+        on_signal(player.stop)
+        end = Future()
+        services = threading.Thread(target=serve, args=((player,), end))
         services.start()
         try:
             _run(player, bag, options)
         finally:
-            rclpy.try_shutdown()
+            end.set_result(None)
             services.join()
 
 

@@ -1,8 +1,25 @@
-"""Console commands of the nodes: rclpy is imported when a command runs, and named when it is missing."""
+"""Console commands of the nodes: rclpy is imported when a command runs, and named when it is missing.
+
+The modules of a node take a second or two to import. Signals are blocked before, so that they end the node cleanly
+whenever they come.
+"""
 
 import importlib
+import signal
+from importlib.util import find_spec
 
 from ins_nav.errors import InsNavError, for_people
+
+
+def ending_signals() -> set[signal.Signals]:
+    """Signals that end a node; without SIGHUP where it is ignored (nohup)."""
+    hangup = {signal.SIGHUP} if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN else set()
+    return {signal.SIGINT, signal.SIGTERM} | hangup
+
+
+def block_signals() -> None:
+    """Keep signals that end a node pending until `ins_nav.nodes.runtime.on_signal` waits for them."""
+    signal.pthread_sigmask(signal.SIG_BLOCK, ending_signals())
 
 
 def alignment_node() -> int:
@@ -33,12 +50,9 @@ def stop_detector_node() -> int:
 def _run(name: str) -> int:
     @for_people(name)
     def main() -> int:
-        try:
-            importlib.import_module("rclpy")
-        except ModuleNotFoundError as error:
-            raise InsNavError(
-                "rclpy is missing: source /opt/ros/jazzy/setup.bash, or pip install 'ins_nav[jazzy]'"
-            ) from error
+        if find_spec("rclpy") is None:
+            raise InsNavError("rclpy is missing: source /opt/ros/jazzy/setup.bash, or pip install 'ins_nav[jazzy]'")
+        block_signals()
         code: int = importlib.import_module(f"ins_nav.nodes.{name}").main()
         return code
 

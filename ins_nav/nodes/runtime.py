@@ -1,8 +1,17 @@
-"""What every node shares: begin, serve, end; message classes by name."""
+"""What every node shares: begin, serve, end; message classes by name.
+
+Signals end a node between two callbacks, never within one. `init` blocks SIGINT, SIGTERM and SIGHUP in the main thread
+and so in all threads that start later; one thread of `on_signal` waits for the first of them. rclpy's own handlers
+would end the context in the middle of a callback, and those of its events executor abort the process on a second
+signal.
+"""
 
 import difflib
 import importlib
+import signal
 import sys
+import threading
+from collections.abc import Callable
 from typing import Any
 
 import rclpy
@@ -12,32 +21,49 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
 from ins_nav.errors import InsNavError
+from ins_nav.nodes.commands import block_signals, ending_signals
 
 
-def init(args: list[str] | None = None, signals: SignalHandlerOptions = SignalHandlerOptions.ALL) -> list[str]:
+def init(args: list[str] | None = None) -> list[str]:
     """Initialize rclpy from the command line (default: sys.argv[1:]) and return the arguments that are not ROS's.
+
+    SIGINT, SIGTERM and SIGHUP are blocked from here on: see `on_signal`.
 
     Raises
     ------
     InsNavError
         If the ROS arguments are malformed.
     """
+    block_signals()
     ros: list[str] = []
     rest: list[str] = []
-    taking = rest
+    current = rest
     for word in sys.argv[1:] if args is None else args:
         if word == "--ros-args":
-            taking = ros
-        taking.append(word)
+            current = ros
+        current.append(word)
         if word == "--":
-            taking = rest
+            current = rest
     try:
         # rcl would also take words such as a:=b outside --ros-args for rules of its own
-        rclpy.init(args=["", *ros], signal_handler_options=signals)
+        rclpy.init(args=["", *ros], signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:  # the common base of rclpy's errors for arguments
         reason = str(error).partition(": ")[2].partition(", at ")[0] or f"unknown {error}"
         raise InsNavError(f"ROS arguments: {reason}") from error
     return rest
+
+
+def on_signal(react: Callable[[], object]) -> None:
+    """Call a function, in a thread of its own, at the first SIGINT, SIGTERM or SIGHUP since `init`.
+
+    Later signals have no effect.
+    """
+
+    def wait() -> None:
+        signal.sigwait(ending_signals())
+        react()
+
+    threading.Thread(target=wait, daemon=True).start()
 
 
 def wants_no_node(arguments: list[str], program: str, text: str | None) -> bool:
@@ -59,20 +85,25 @@ def wants_no_node(arguments: list[str], program: str, text: str | None) -> bool:
 
 
 def spin(*nodes: Node) -> None:
-    """Serve the nodes until SIGINT, SIGTERM or shutdown; then destroy them and shut rclpy down."""
+    """Serve the nodes until SIGINT, SIGTERM, SIGHUP or shutdown; then destroy them and shut rclpy down."""
+    end = Future()
+    on_signal(lambda: end.set_result(None))
+    serve(nodes, end)
+
+
+def serve(nodes: tuple[Node, ...], end: Future) -> None:
+    """Serve the nodes until a future is done or rclpy shut down; then destroy them and shut rclpy down."""
+    executor = _executor()
     try:
-        executor = _executor()
         for node in nodes:
             executor.add_node(node)
-        while rclpy.ok():
-            # with the PyPI wheels, EventsExecutor.spin() does not end at shutdown but loops
-            executor.spin_until_future_complete(Future(), 0.5)
-    except (KeyboardInterrupt, ExternalShutdownException):
+        while rclpy.ok() and not end.done():
+            # Without a time-out, EventsExecutor of the PyPI wheels polls and keeps its queue locked.
+            executor.spin_until_future_complete(end, 0.5)
+    except ExternalShutdownException:
         pass
-    except RuntimeError:  # rclpy's errors: a signal that came between two of its calls has ended the context
-        if rclpy.ok():
-            raise
     finally:
+        executor.shutdown()
         for node in nodes:
             node.destroy_node()
         rclpy.try_shutdown()
