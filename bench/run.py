@@ -4,7 +4,6 @@ import argparse
 import importlib
 import os
 import platform
-import signal
 import sys
 import time
 from collections.abc import Sequence
@@ -34,7 +33,6 @@ _MODULES = {"fine": "fine_alignment", "aided": "aided_recordings"}
 def main(argv: Sequence[str] | None = None) -> int:
     """The command line."""
     args = _parser().parse_args(argv)
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
     if args.list:
         print("\n".join(f"{name:14}{text}" for name, text in SECTIONS.items()))
         return 0

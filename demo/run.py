@@ -9,7 +9,6 @@ import json
 import os
 import re
 import select
-import signal
 import subprocess
 import sys
 import time
@@ -173,7 +172,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     """The command line."""
     began = time.monotonic()
     args = _parser().parse_args(argv)
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
     if not 0.0 < args.rate < 1000.0:
         raise InsNavError(f"--rate {args.rate:g}: give a number above 0, below 1000")
     try:

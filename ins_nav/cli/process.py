@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ins_nav.aiding.parameters import beacon_names
 from ins_nav.config.parameters import parse_assignment, read_file
-from ins_nav.errors import InsNavError, for_people
+from ins_nav.errors import InsNavError, Interrupted, for_people
 from ins_nav.messages import diagnostics, inputs
 from ins_nav.messages.solution import SolutionMessages, fill_bias
 from ins_nav.navigator.delayed import DelayedNavigator
@@ -251,7 +251,7 @@ def main(argv: Sequence[str] | None = None) -> int | None:
                     recorder.tick(raw.stamp_ns)
             except DamagedBagError as error:
                 damage = error
-            except KeyboardInterrupt:
+            except Interrupted:
                 print(f"ins_process: interrupted; {args.output} ends there", file=sys.stderr)
                 raise
             recorder.tick(reader.end_ns, last=True)

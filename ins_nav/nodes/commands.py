@@ -8,13 +8,13 @@ import importlib
 import signal
 from importlib.util import find_spec
 
-from ins_nav.errors import InsNavError, for_people
+from ins_nav.errors import ENDING_SIGNALS, InsNavError, for_people
 
 
 def ending_signals() -> set[signal.Signals]:
     """Signals that end a node; without SIGHUP where it is ignored (nohup)."""
-    hangup = {signal.SIGHUP} if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN else set()
-    return {signal.SIGINT, signal.SIGTERM} | hangup
+    ignored = {signal.SIGHUP} if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN else set()
+    return set(ENDING_SIGNALS) - ignored
 
 
 def block_signals() -> None:

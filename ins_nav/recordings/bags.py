@@ -36,6 +36,7 @@ from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_
 from rosbags.typesys.store import Typestore
 
 from ins_nav.errors import InsNavError
+from ins_nav.recordings.deferred_signals import DeferredSignals
 from ins_nav.recordings.mcap_recovery import RecoveredMcap
 from ins_nav.recordings.sqlite_recovery import RecoveredSqlite
 
@@ -376,7 +377,8 @@ def _is_latched(connection: Connection) -> bool:
 class BagWriter:
     """A new rosbag2 folder with mcap storage and message definitions; a context manager.
 
-    What was written is kept, and readable, also when the block is left by an exception.
+    What was written stays readable, also when the block is left by an exception. SIGINT, SIGTERM and SIGHUP wait within
+    the block until a message is complete, and raise there (`Interrupted` where nothing else handles them).
 
     Raises
     ------
@@ -388,6 +390,7 @@ class BagWriter:
         self.path = Path(path)
         self._overwrite = overwrite
         self._connections: dict[str, Connection] = {}
+        self._signals = DeferredSignals()
 
     def __enter__(self) -> Self:
         try:
@@ -397,6 +400,7 @@ class BagWriter:
             self._writer.open()
         except (WriterError, OSError) as error:
             raise BagError(f"{self.path}: cannot write a bag there: {error}") from error
+        self._signals.begin()
         return self
 
     def __exit__(
@@ -406,6 +410,8 @@ class BagWriter:
             self._writer.close()
         except OSError as failure:
             raise BagError(f"{self.path}: the bag could not be finished: {failure}") from failure
+        finally:
+            self._signals.end()
 
     def add_topic(self, topic: str, msgtype: str, latched: bool = False) -> None:
         """Make a topic known before its first message; latched offers it as transient local, depth 1."""
@@ -439,6 +445,7 @@ class BagWriter:
             self._writer.write(connection, stamp_ns, data)
         except OSError as error:
             raise BagError(f"{self.path}: writing failed: {error.strerror}; is the disk full?") from error
+        self._signals.deliver()
 
     def _make_way(self) -> None:
         if not self._overwrite:

@@ -1,6 +1,9 @@
 """`ins_process`: a simulated recording in, the live node's topics out, compared with the truth beside them."""
 
 import math
+import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -155,6 +158,44 @@ def test_damaged_recording_is_used_as_far_as_it_goes(
     captured = capsys.readouterr()
     assert "is damaged, what can be read was read" in captured.err
     assert len(series(out, "odometry")) > 1000
+
+
+_SIGNALLED = """
+import signal, sys
+from ins_nav.cli.process import main
+from ins_nav.recordings.bags import BagWriter
+
+class Signalled(BagWriter):
+    count = 0
+
+    def write_raw(self, *arguments):
+        self.count += 1
+        if self.count == 3000:
+            for number in {0}:
+                signal.raise_signal(number)
+        super().write_raw(*arguments)
+
+main.__wrapped__.__globals__["BagWriter"] = Signalled
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+@pytest.mark.parametrize(
+    ("numbers", "code"),
+    [((signal.SIGTERM,), 143), ((signal.SIGINT, signal.SIGTERM), 130), ((signal.SIGHUP, signal.SIGHUP), 129)],
+)
+def test_a_signal_ends_the_bag_in_order(drive: Path, tmp_path: Path, numbers: tuple[int, ...], code: int) -> None:
+    """A process that gets signals before the 3000th message."""
+    out = tmp_path / "out"
+    script = _SIGNALLED.format([int(number) for number in numbers])
+    command = [sys.executable, "-c", script, str(drive), "-o", str(out), *START]
+    ended = subprocess.run(command, stderr=subprocess.PIPE, text=True, timeout=120)
+    assert ended.returncode == code, ended.stderr
+    assert ended.stderr.splitlines()[-1] == f"ins_process: interrupted; {out} ends there"
+    assert (out / "metadata.yaml").exists()
+    with BagReader(out) as reader:
+        assert not reader.damage
+        assert len(list(reader.messages())) == sum(topic.count for topic in reader.topics.values()) == 3000
 
 
 def test_no_position_says_so(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:

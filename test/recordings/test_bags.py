@@ -1,7 +1,9 @@
 """Recordings in and out, whole and damaged."""
 
+import signal
 import struct
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -9,7 +11,7 @@ from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import get_types_from_msg
 
-from ins_nav.errors import InsNavError
+from ins_nav.errors import InsNavError, Interrupted
 from ins_nav.recordings.bags import (
     BagError,
     BagReader,
@@ -401,6 +403,33 @@ class TestWriter:
         messages, damage = read(tmp_path / "bag")
         assert len(messages) == 1
         assert not damage
+
+    @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+    def test_a_signal_waits_until_the_message_is_complete(self, tmp_path: Path, number: int) -> None:
+        """The handler is called in the middle of the writer's own work, of which it sees nothing."""
+        written = []
+
+        def handle(received: int, _frame: object) -> None:
+            written.append(bag._writer.counts.copy())
+            raise Interrupted(received)
+
+        before = signal.signal(number, handle)
+        try:
+            with pytest.raises(Interrupted), BagWriter(tmp_path / "bag") as bag:
+                original = bag._writer.storage.write
+
+                def write(*arguments: object) -> None:
+                    signal.raise_signal(number)
+                    original(*arguments)
+
+                with mock.patch.object(bag._writer.storage, "write", write):
+                    bag.write("imu/data", IMU, message(IMU), START_NS)
+            assert signal.getsignal(number) is handle
+        finally:
+            signal.signal(number, before)
+        assert [list(counts.values()) for counts in written] == [[1]]
+        messages, damage = read(tmp_path / "bag")
+        assert len(messages) == 1 and not damage and (tmp_path / "bag" / "metadata.yaml").exists()
 
     def test_misuse_is_told(self, tmp_path: Path) -> None:
         with BagWriter(tmp_path / "bag") as bag:
