@@ -105,10 +105,7 @@ class InsNode(Node):
         if out.first:
             self._publish_bias()
         out.fill()
-        self._odometry.publish(out.odometry)
-        self._imu.publish(out.imu)
-        self._fix.publish(out.fix)
-        if self._tf is not None:
+        if self._tf is not None:  # first: its look-up at the stamp of the odometry needs no waiting
             transform = self._transforms.transforms[0]
             pose = out.odometry.pose.pose
             transform.header.stamp = out.odometry.header.stamp
@@ -117,6 +114,9 @@ class InsNode(Node):
             transform.transform.translation.z = pose.position.z
             transform.transform.rotation = pose.orientation
             self._tf.publish(self._transforms)
+        self._odometry.publish(out.odometry)
+        self._imu.publish(out.imu)
+        self._fix.publish(out.fix)
 
     def _publish_bias(self) -> None:
         message = Imu()

@@ -214,6 +214,17 @@ def test_help_and_arguments_that_are_not_for_ros(tmp_path: Path) -> None:
         assert wrong.stderr.strip() == ("ins_node: unknown argument '-p': parameters and remaps come after --ros-args")
 
 
+def test_transform_is_published_before_the_odometry(tmp_path: Path) -> None:
+    """A look-up of the transform at the stamp of an odometry message needs no waiting."""
+    place = ("initial.latitude_deg:=55.7", "initial.longitude_deg:=37.6", "initial.height:=150.0")
+    given = ("publish.tf:=map_to_base_link", "initial.heading_deg:=30.0", "alignment.level_duration:=5.0", *place)
+    settings = [part for parameter in given for part in ("-p", parameter)]
+    with Ros(tmp_path) as ros:
+        order = ros.start(Path(__file__).with_name("publication_order.py"), "--ros-args", *settings)
+        assert order.wait() == 0, order.stderr
+    assert order.stdout.split() == ["imu/bias", "/tf", "odometry", "imu/data", "fix"]
+
+
 def test_silence_of_the_imu_is_an_error_in_diagnostics(drive: Path, tmp_path: Path) -> None:
     with Ros(tmp_path) as ros:
         ins, listener = node_and_listener(ros, DURATION)
