@@ -53,11 +53,10 @@ from scipy import stats
 from ins_nav.config.sections import ImuSection, StopSection
 from ins_nav.mechanization.strapdown import Sample
 from ins_nav.stop_detection.gliding import Glides
+from ins_nav.stop_detection.sample_sums import BLOCK, EMPTY, add_sample, add_samples, completes, is_gap
 from ins_nav.stop_detection.turn_monitor import TurnMonitor
-from ins_nav.stop_detection.velocity_filter import BLOCK, LONG_BLOCK, VelocityFilter
+from ins_nav.stop_detection.velocity_filter import LONG_BLOCK, VelocityFilter
 
-_LONGEST_GAP = 1.0
-"""s: over a longer gap a stop is not certain any more. A car gains 3 m/s in it."""
 _HISTORY = 100
 """Blocks of velocity kept to find when a stop began."""
 _START_SPEED = 0.05
@@ -158,7 +157,7 @@ class StopLimits:
     min_duration: float = 2.0
     max_speed: float = 0.1
     vibration: float = 0.02
-    sway: float = math.radians(0.06)
+    sway: float = 1e-3
     false_alarm: float = 1e-3
     gyro_noise: float = math.nan
     accel_noise: float = math.nan
@@ -202,12 +201,13 @@ class StopDetector:
         self._arrival_threshold = float(stats.chi2.isf(_ARRIVAL_ALARM, 4))
         self._sigmas = math.sqrt(float(stats.chi2.isf(alarm, 2)))
         self._size = round(self.limits.window / BLOCK)
+        self._average = np.full(self._size, 1.0 / self._size)
         self._shake_threshold = float(stats.chi2.isf(alarm, 6 * self._size - 3))
         given = self.limits.gyro_noise / math.sqrt(BLOCK), self.limits.accel_noise / math.sqrt(BLOCK)
         unknown = self.limits.sway, self.limits.vibration
         self.noise = unknown[0] if math.isnan(given[0]) else given[0], unknown[1] if math.isnan(given[1]) else given[1]
         self._least = [math.inf, math.inf]
-        self._variance: NDArray[np.float64] | None = None
+        self._variance: list[float] = []
         self.restart()
 
     def restart(self) -> None:
@@ -230,11 +230,7 @@ class StopDetector:
         self._glides = Glides()
         self._next_sway_ns = self._due = 0
         self._rest_of_block: tuple[float, ...] = (0.0, 0.0, 0.0)
-        self._clear_block()
-
-    def _clear_block(self) -> None:
-        self._time = self._tx = self._ty = self._tz = self._vx = self._vy = self._vz = 0.0
-        self._sx = self._sy = self._sz = 0.0
+        self._sums = EMPTY
 
     @property
     def rest_ns(self) -> int:
@@ -252,34 +248,52 @@ class StopDetector:
         return self._reckoning.speed_stddev
 
     def add(self, stamp_ns: int, sample: Sample) -> Change | None:
-        """Take one sample, as `ins_nav.mechanization.imu_stream.ImuStream` gives it; says when a stop begins or ends.
+        """Add one sample of an `ins_nav.mechanization.imu_stream.ImuStream`; what begins or ends with it.
 
         Parameters
         ----------
         stamp_ns : int
         sample : Sample
         """
-        h, wx, wy, wz, fx, fy, fz = sample
-        if not 0.0 < h <= _LONGEST_GAP:
+        h = sample[0]
+        if is_gap(h):
             return self._gap(stamp_ns)
-        # turned back to the body at the block's start, to first order: a block turns by some hundredths of a radian
-        half = 0.5 * h
-        mx, my, mz = self._tx + half * wx, self._ty + half * wy, self._tz + half * wz
-        vx, vy, vz = self._vx, self._vy, self._vz
-        self._vx = vx + h * (fx + my * fz - mz * fy)
-        self._vy = vy + h * (fy + mz * fx - mx * fz)
-        self._vz = vz + h * (fz + mx * fy - my * fx)
-        self._sx += half * (vx + self._vx)
-        self._sy += half * (vy + self._vy)
-        self._sz += half * (vz + self._vz)
-        self._tx = mx + half * wx
-        self._ty = my + half * wy
-        self._tz = mz + half * wz
-        self._time += h
         self.stamp_ns = stamp_ns
-        if self._time < BLOCK - half:
-            return None
-        return self._end_block()
+        self._sums = add_sample(self._sums, sample)
+        return self._end_block() if completes(self._sums[0], h) else None
+
+    def add_block(self, stamps: NDArray[np.int64], samples: NDArray[np.float64]) -> list[Change]:
+        """Add a block of samples, as `add` would one after the other; compiled.
+
+        Parameters
+        ----------
+        stamps : ndarray of int64, shape (n,)
+            ns.
+        samples : ndarray, shape (n, 7)
+            A `Sample` a row.
+
+        Returns
+        -------
+        list of Change
+            Oldest first.
+        """
+        samples = np.ascontiguousarray(samples, dtype=float)
+        changes = []
+        i = 0
+        while i < len(samples):
+            self._sums, following, complete = add_samples(self._sums, samples, i)
+            if following > i:
+                self.stamp_ns = int(stamps[following - 1])
+            i = following
+            change = None
+            if complete:
+                change = self._end_block()
+            elif i < len(samples):
+                change = self._gap(int(stamps[i]))
+                i += 1
+            if change is not None:
+                changes.append(change)
+        return changes
 
     def _gap(self, stamp_ns: int) -> Change | None:
         last, was = self.stamp_ns, self.stopped
@@ -289,9 +303,9 @@ class StopDetector:
         return Change(False, last, stamp_ns) if was else None
 
     def _end_block(self) -> Change | None:
-        time, turn, velocity = self._time, (self._tx, self._ty, self._tz), (self._vx, self._vy, self._vz)
-        mean = (self._sx / time, self._sy / time, self._sz / time)
-        self._clear_block()
+        time, tx, ty, tz, vx, vy, vz, sx, sy, sz = self._sums
+        turn, velocity, mean = (tx, ty, tz), (vx, vy, vz), (sx / time, sy / time, sz / time)
+        self._sums = EMPTY
         reckoning = self._reckoning
         gyro, accel = self.noise
         # between the mean velocities of two blocks, not from end to end: engines are averaged twice
@@ -316,15 +330,15 @@ class StopDetector:
         spread = self._test(gyro, accel)
         return self._stay(spread) if self.stopped else self._arrive(accel)
 
-    def _test(self, gyro: float, accel: float) -> NDArray[np.float64]:
+    def _test(self, gyro: float, accel: float) -> list[float]:
         """The likelihood ratio over the window; its sums of squares about the means."""
         n, limits = self._size, self.limits
         blocks = np.array(self._blocks)[1:]
-        mean = blocks.sum(axis=0) / n
+        mean = self._average @ blocks
         blocks -= mean
-        spread: NDArray[np.float64] = (blocks * blocks).sum(axis=0)
+        spread: list[float] = np.einsum("ij,ij->j", blocks, blocks).tolist()
         rate2, force2 = gyro * gyro + limits.sway**2, accel * accel + limits.vibration**2
-        wx, wy, wz, fx, fy, fz = spread.tolist()
+        wx, wy, wz, fx, fy, fz = spread
         offset, variance = self._reckoning.rate_offset(mean[:3])
         turning = float((offset * offset / (rate2 / n + variance)).sum())
         self.shake = ((wx + wy + wz) / rate2 + (fx + fy + fz) / force2 + turning) / self._shake_threshold
@@ -409,7 +423,7 @@ class StopDetector:
         moving = np.flatnonzero(np.hypot(*off.T) > _START_SPEED)
         return before[min(int(moving[-1]) + 1, len(before) - 1) if len(moving) else 0][0]
 
-    def _stay(self, spread: NDArray[np.float64]) -> Change | None:
+    def _stay(self, spread: list[float]) -> Change | None:
         """While at a stop: has it ended? Otherwise learn from it."""
         limits, reckoning = self.limits, self._reckoning
         still = self.shake < 1.0
@@ -474,13 +488,11 @@ class StopDetector:
                 ended = stamp
         return reckoning, track, ended
 
-    def _learn(self, spread: NDArray[np.float64]) -> None:
+    def _learn(self, spread: list[float]) -> None:
         """Noise from the quietest axis and time at rest: engines and people only add."""
-        variance = spread / (self._size - 1)
-        self._variance = (
-            variance if self._variance is None else self._variance + _SMOOTHING * (variance - self._variance)
-        )
-        smooth = self._variance.tolist()
+        variance = [s / (self._size - 1) for s in spread]
+        before = self._variance or variance
+        self._variance = smooth = [b + _SMOOTHING * (v - b) for b, v in zip(before, variance, strict=True)]
         limits = self.limits
         noise = list(self.noise)
         for i, (given, floor) in enumerate(((limits.gyro_noise, limits.sway), (limits.accel_noise, limits.vibration))):

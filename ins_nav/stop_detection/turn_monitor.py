@@ -6,7 +6,8 @@ from collections import deque
 import numpy as np
 from numpy.typing import NDArray
 
-from ins_nav.stop_detection.velocity_filter import BLOCK, Triple, VelocityFilter
+from ins_nav.stop_detection.sample_sums import BLOCK
+from ins_nav.stop_detection.velocity_filter import Triple, VelocityFilter
 
 _CLIP = 2.0
 """Of the RMS: a random walk ends 1.4 RMS away from its line, one with the beginning of a turn 2.2 and more."""

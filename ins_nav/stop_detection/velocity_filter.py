@@ -13,8 +13,6 @@ from numpy.typing import NDArray
 from ins_nav.mechanization.attitude import Quaternion, conjugate, from_rotation_vector, multiply, normalized, rotate
 
 Triple = tuple[float, float, float]
-BLOCK = 0.1
-"""s: ten means a second resolve a body's motion on its springs (1 to 2 Hz), and average an engine's."""
 LONG_BLOCK = 0.2
 """s: in a longer block samples were lost."""
 _GRAVITY = 9.81
@@ -42,7 +40,8 @@ _ABSURD_SPEED = 5.0 * _SPEED_PRIOR
 """m/s: of no vehicle, but of a filter that is sure of a wrong gyro bias, after a minute or two."""
 _TILTED = math.sin(math.radians(15.0)) ** 2
 """Yaw is counted from an attitude that is at most twice this angle away: near 180° it would be undefined."""
-_H_V: NDArray[np.float64] = np.eye(2, 12)
+_IDENTITY: NDArray[np.float64] = np.eye(12)
+_H_V = _IDENTITY[:2]
 _V, _TILT, _GYRO, _EARTH, _ACCEL = slice(0, 2), slice(2, 4), slice(4, 7), slice(7, 9), slice(9, 12)
 
 
@@ -151,8 +150,7 @@ class VelocityFilter:
             self._q = self._reference = _level(*velocity)
             self._reference_yaw = self.yaw
         rotation = self._rotation = _matrix(self._q)
-        rate = self._gyro + rotation[:2].T @ self._earth
-        rx, ry, rz = rate.tolist()
+        rx, ry, rz = (self._gyro + self._earth @ rotation[:2]).tolist()
         bx, by, bz = self._accel.tolist()
         dv = (velocity[0] - bx * time, velocity[1] - by * time, velocity[2] - bz * time)
         dx, dy, dz = rotate(self._q, *dv)
@@ -171,7 +169,7 @@ class VelocityFilter:
         self._count_yaw()
         ux, uy, uz = rotation[2].tolist()
         self.measured_yaw += self.yaw - before + (ux * rx + uy * ry + uz * rz) * time
-        f = np.eye(12)
+        f = _IDENTITY.copy()
         f[0, 3], f[1, 2] = dz, -dz
         f[_V, _ACCEL] = f[_TILT, _GYRO] = -time * rotation[:2]
         f[2, 7] = f[3, 8] = -time
@@ -181,7 +179,7 @@ class VelocityFilter:
         v = qv + scale2 * math.hypot(dx, dy)
         t = qt + scale2 * math.sqrt(tx * tx + ty * ty + tz * tz)
         b, a = qt / _ALLAN_MINIMUM**2, qv / _ALLAN_MINIMUM**2
-        p.flat[::13] += (v, v, t, t, b, b, b, 0.0, 0.0, a, a, a)
+        p.ravel()[::13] += np.array((v, v, t, t, b, b, b, 0.0, 0.0, a, a, a))
         self._p = p
         # whatever it is, it is not at 100 m/s: keeps the level bounded in a long drive
         if p[0, 0] > _SPEED_PRIOR**2 or p[1, 1] > _SPEED_PRIOR**2:
@@ -198,7 +196,7 @@ class VelocityFilter:
     def rate_offset(self, mean: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Mean rate over what is expected at rest, and the variance of that, rad/s."""
         variance = self._p.diagonal()[_GYRO] + _EARTH_RATE_PRIOR**2
-        return mean - self._gyro - self._rotation[:2].T @ self._earth, variance
+        return mean - self._gyro - self._earth @ self._rotation[:2], variance
 
     def rest_distance(self, acceleration: NDArray[np.float64], speed_noise2: float, accel_noise2: float) -> float:
         """Squared Mahalanobis distance of velocity and mean acceleration, m/s², from zero."""
@@ -261,9 +259,7 @@ class VelocityFilter:
     def _update(self, h: NDArray[np.float64], residual: NDArray[np.float64], variance: float) -> None:
         assert self._q is not None
         ph = self._p @ h.T
-        s = h @ ph
-        s.flat[:: len(s) + 1] += variance
-        gain = np.linalg.solve(s, ph.T).T
+        gain = ph @ _inverse(h @ ph, variance)
         dx = gain @ residual
         p = self._p - gain @ ph.T
         self._p = 0.5 * (p + p.T)
@@ -273,6 +269,17 @@ class VelocityFilter:
         self._gyro = self._gyro + dx[_GYRO]
         self._earth = self._earth + dx[_EARTH]
         self._accel = self._accel + dx[_ACCEL]
+
+
+def _inverse(s: NDArray[np.float64], variance: float) -> NDArray[np.float64]:
+    """Inverse of ``s`` with ``variance`` on its diagonal, shape (1, 1) or (2, 2)."""
+    if len(s) == 1:
+        inverse: NDArray[np.float64] = 1.0 / (s + variance)
+        return inverse
+    (a, b), (c, d) = s.tolist()
+    a, d = a + variance, d + variance
+    determinant = a * d - b * c
+    return np.array(((d / determinant, -b / determinant), (-c / determinant, a / determinant)))
 
 
 def _level(x: float, y: float, z: float) -> Quaternion:
@@ -286,9 +293,9 @@ def _level(x: float, y: float, z: float) -> Quaternion:
 def _matrix(q: Quaternion) -> NDArray[np.float64]:
     x, y, z, w = q
     return np.array(
-        [
-            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
-            [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
-            [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
-        ]
+        (
+            (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)),
+            (2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)),
+            (2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)),
+        )
     )
