@@ -1,6 +1,6 @@
 # Everything runs in .venv, which is made at the first use. PYTHON=... chooses the Python for it.
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test bench format clean
+.PHONY: help setup demo test golden bench format clean
 MAKEFLAGS += --no-print-directory
 
 RUN := PATH="$(CURDIR)/.venv/bin:$$PATH"
@@ -20,6 +20,9 @@ test: setup  ## lint, types, tests: ARGS="..." is handed on to pytest
 	@$(RUN) mypy
 	@$(RUN) lint-imports
 	@$(RUN) python -m pytest -n 2 --dist loadgroup $(ARGS)
+
+golden: setup  ## renew the digests of test/golden: ARGS="vehicle faults" some of them
+	@$(RUN) python test/golden/golden.py $(ARGS)
 
 bench: setup  ## measure accuracy and speed: ARGS="..." is handed on
 	@$(RUN) python bench/run.py $(ARGS)

@@ -115,6 +115,8 @@ class Calls:
             self._restarts = navigator.restarts
             policy.restart()
         if self._stopped is None:
+            if not navigator.stamp_ns:  # no valid sample yet
+                return
             self._stopped = False
             self._recorder.stopped(False, navigator.stamp_ns)
         if detector.stopped != self._stopped:

@@ -1,4 +1,4 @@
-"""All parameters of a system: checked once, held as typed sections."""
+"""All parameters of a system: checked and converted once, as typed sections."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass

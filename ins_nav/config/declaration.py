@@ -15,7 +15,7 @@ units and radians (`Section.from_values`), converted here and nowhere else::
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Self
 
@@ -127,11 +127,8 @@ class Section:
     @classmethod
     def overrides(cls, prefix: str, **fields: Any) -> dict[str, Value]:
         """Overrides by full name, in the units of the parameters, from values of fields in SI units."""
-        return {
-            _joined(prefix, name): _in_unit(fields[field], row.scale)
-            for name, row, field in cls._declared()
-            if field in fields
-        }
+        rows = {field: (_joined(prefix, name), row.scale) for name, row, field in cls._declared()}
+        return {rows[field][0]: _in_unit(value, rows[field][1]) for field, value in fields.items()}
 
     @classmethod
     def _declared(cls) -> Sequence[tuple[str, _Declared, str]]:
@@ -153,4 +150,4 @@ def _si(value: Value, scale: float) -> Any:
 def _in_unit(value: Any, scale: float) -> Value:
     if isinstance(value, bool | str):
         return value
-    return [float(x) / scale for x in value] if isinstance(value, Sequence) else float(value) / scale
+    return [float(x) / scale for x in value] if isinstance(value, Iterable) else float(value) / scale

@@ -99,7 +99,7 @@ class Parameter:
         return number
 
 
-_ROS_OWN = ("use_sim_time", "start_type_description_service")
+_ROS_NAMES = ("use_sim_time", "start_type_description_service")
 """Parameters every ROS node has, besides those that begin with ``qos_overrides.``."""
 
 
@@ -108,7 +108,7 @@ def without_ros(overrides: Mapping[str, object]) -> dict[str, object]:
     return {
         name: value
         for name, value in overrides.items()
-        if name not in _ROS_OWN and not name.startswith("qos_overrides.")
+        if name not in _ROS_NAMES and not name.startswith("qos_overrides.")
     }
 
 

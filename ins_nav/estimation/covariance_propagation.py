@@ -196,6 +196,11 @@ class CovariancePropagation:
             covariance[VERTICAL_VELOCITY, VERTICAL_VELOCITY] = self._height_walk**2
         return covariance
 
+    @property
+    def white_noise(self) -> tuple[float, float]:
+        """Angle random walk, rad/√s, and velocity random walk, m/s/√s, in use; zeros without a solution."""
+        return self._model.white_noise
+
     def begin(self, stamp_ns: int, state: NavState, covariance: Array, learnt_noise: tuple[float, float]) -> None:
         """Begin with a solution; noise as of `error_model`."""
         self.clear()

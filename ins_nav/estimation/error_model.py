@@ -119,6 +119,11 @@ class ErrorModel:
         Each axis, rad/s and m/s².
     height_walk : float
         Intensity, m/√s, of the random walk of height where there is no vertical channel.
+
+    Attributes
+    ----------
+    white_noise : 2 floats
+        ``gyro_noise`` and ``accel_noise``.
     """
 
     def __init__(
@@ -132,6 +137,7 @@ class ErrorModel:
         height_walk: float = 0.0,
     ) -> None:
         self.vertical = vertical
+        self.white_noise = gyro_noise, accel_noise
         self.slow = (gyro_bias,) * 3 + (accel_bias,) * 3
         self._gyro_intensity = gyro_noise**2
         self._intensity: Array = np.zeros((SIZE, SIZE))

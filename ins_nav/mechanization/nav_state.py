@@ -184,7 +184,8 @@ class MapFrame:
     def __init__(self, lat: float, lon: float, height: float) -> None:
         axes = enu_axes(lat, lon)
         self._origin = tuple(map(float, geodetic_to_ecef(lat, lon, height)))
-        self._q_me: Quaternion = tuple(map(float, Rotation.from_matrix(axes.T).as_quat()))  # type: ignore[assignment]
+        x, y, z, w = Rotation.from_matrix(axes.T).as_quat().tolist()
+        self._q_me: Quaternion = (x, y, z, w)
 
     def position(self, state: NavState) -> tuple[float, float, float]:
         """Position of a state in the map, m."""

@@ -102,7 +102,10 @@ class SolutionMessages:
         self.fix.altitude = where.height
 
     def _fill_covariances(self, p: NDArray[np.float64]) -> None:
-        """The covariance of the errors, each part on the axes of its message."""
+        """The covariance of the errors, each part on the axes of its message.
+
+        That of rates and forces is of the biases and of the white noise of a sample.
+        """
         state, frame = self._navigator.state, self._navigator.map
         assert state is not None and frame is not None
         c, s = error_model.azimuth(state)
@@ -117,10 +120,13 @@ class SolutionMessages:
         to_b = error_model.rotation_matrix(state[0:4]).T
         twist = np.zeros((6, 6))
         twist[:3, :3] = to_b @ p[VELOCITY, VELOCITY] @ to_b.T
-        twist[3:, 3:] = p[GYRO_BIAS, GYRO_BIAS]
+        gyro_noise, accel_noise = self._navigator.sample_noise
+        rate = p[GYRO_BIAS, GYRO_BIAS] + gyro_noise**2 * np.eye(3)
+        force = p[ACCEL_BIAS, ACCEL_BIAS] + accel_noise**2 * np.eye(3)
+        twist[3:, 3:] = rate
         self.odometry.twist.covariance[:] = twist.ravel()
-        self.imu.angular_velocity_covariance[:] = p[GYRO_BIAS, GYRO_BIAS].ravel()
-        self.imu.linear_acceleration_covariance[:] = p[ACCEL_BIAS, ACCEL_BIAS].ravel()
+        self.imu.angular_velocity_covariance[:] = rate.ravel()
+        self.imu.linear_acceleration_covariance[:] = force.ravel()
 
 
 def fill_bias(message: Any, navigator: RealtimeNavigator, base_link_frame: str) -> None:

@@ -309,6 +309,18 @@ class RealtimeNavigator:
         return self._known()[ACCEL_BIAS, ACCEL_BIAS]
 
     @property
+    def sample_noise(self) -> tuple[float, float]:
+        """Sigmas of the white noise of one sample, rad/s and m/s²; zeros before the first interval.
+
+        Noise density over the root of the interval between samples.
+        """
+        interval = self._raw[0] if math.isnan(self.stream.nominal) else self.stream.nominal
+        if interval == 0.0:
+            return 0.0, 0.0
+        gyro, accel = self.accuracy.white_noise
+        return gyro / math.sqrt(interval), accel / math.sqrt(interval)
+
+    @property
     def progress(self) -> float:
         """Share of the alignment done, 0 to 1."""
         return 1.0 if self.phase is Phase.NAVIGATING else min(1.0, self._alignment.time / self._duration)

@@ -157,7 +157,7 @@ class StopLimits:
     min_duration: float = 2.0
     max_speed: float = 0.1
     vibration: float = 0.02
-    sway: float = 1e-3
+    sway: float = math.radians(0.06)
     false_alarm: float = 1e-3
     gyro_noise: float = math.nan
     accel_noise: float = math.nan

@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass
 
+import numpy as np
 import pytest
 
 from ins_nav.config.declaration import DEG, Section, parameter
@@ -41,3 +42,23 @@ def test_values_are_converted_once() -> None:
     assert read.rate == pytest.approx(math.pi / 4.0)
     assert read.arm == (1.0, 2.0, 3.0)
     assert not read.enabled and math.isnan(read.height) and read.way == "a"
+
+
+def test_fields_turn_back_into_the_units_of_the_parameters() -> None:
+    given = Example.overrides("example", rate=math.pi / 4.0, arm=np.array([1.0, 2.0, 3.0]), way="b", enabled=False)
+    assert given == {
+        "example.rate_deg_per_s": pytest.approx(45.0),
+        "example.arm": [1.0, 2.0, 3.0],
+        "example.way": "b",
+        "example.enabled": False,
+    }
+    with pytest.raises(KeyError, match="rat"):
+        Example.overrides("example", rat=1.0)
+
+
+def test_unit_is_in_the_first_clause() -> None:
+    @dataclass(frozen=True)
+    class Gap(Section):
+        longest: float = parameter(1.0, "longest gap; a longer one restarts", unit="s")
+
+    assert Gap.rows("gap")[0].description == "longest gap, s; a longer one restarts"

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -332,14 +333,10 @@ def test_noise_is_learnt_or_given() -> None:
     run(standing, learner)
     assert np.array(learner.noise) == pytest.approx(true, rel=0.35)
     told = Configuration.from_overrides(
-        {
-            "imu.gyro_noise_deg_per_sqrt_hour": 0.3,
-            "imu.accel_noise_ug_per_sqrt_hz": 150.0,
-            "stop.sway_deg_per_s": 0.06,
-        }
+        {"imu.gyro_noise_deg_per_sqrt_hour": 0.3, "imu.accel_noise_ug_per_sqrt_hz": 150.0}
     )
     limits = StopLimits.of(told.stop, told.imu)
-    assert limits.sway == pytest.approx(StopLimits().sway, rel=0.05)
+    assert replace(limits, gyro_noise=0.0, accel_noise=0.0) == StopLimits(gyro_noise=0.0, accel_noise=0.0)
     given = StopDetector(limits)
     run(standing[:500], given)
     assert np.array(given.noise) == pytest.approx(true)
