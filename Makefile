@@ -22,7 +22,7 @@ test: setup  ## lint, types, tests: ARGS="..." is handed on to pytest
 	@$(RUN) python -m pytest -n 2 --dist loadgroup $(ARGS)
 
 golden: setup  ## renew the digests of test/golden: ARGS="vehicle faults" some of them
-	@$(RUN) python test/golden/golden.py $(ARGS)
+	@$(RUN) PYTHONPATH=test python -m golden.replay $(ARGS)
 
 bench: setup  ## measure accuracy and speed: ARGS="..." is handed on
 	@$(RUN) python bench/run.py $(ARGS)

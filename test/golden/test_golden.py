@@ -1,8 +1,8 @@
 """`ins_process` reproduces the stored digests of five scenarios."""
 
 import pytest
-from digest import Digest, differences, from_text, to_text
-from golden import SCENARIOS, digest_of, path_of
+from golden.digest import Digest, differences, from_text, to_text
+from golden.replay import SCENARIOS, digest_of, path_of
 
 
 @pytest.mark.parametrize("name", SCENARIOS)

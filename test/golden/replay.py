@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from digest import Digest, read_result, to_text
+from golden.digest import Digest, read_result, to_text
 
 from ins_nav.cli.process import main as ins_process
 from ins_nav.recordings.bags import BagReader, BagWriter
