@@ -1,0 +1,60 @@
+"""The tests mirror the package, and every folder says what it is for."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+MODULES = sorted(path.relative_to(ROOT / "ins_nav") for path in (ROOT / "ins_nav").rglob("*.py"))
+WITHOUT_TEST = {
+    "aiding/parameters.py",
+    "alignment/gravity_cone.py",
+    "alignment/handover.py",
+    "alignment/initial_position.py",
+    "cli/report.py",
+    "config/sections.py",
+    "errors.py",
+    "estimation/innovation_gate.py",
+    "estimation/observation.py",
+    "event_log.py",
+    "mechanization/nav_state.py",
+    "messages/correction_codec.py",
+    "messages/diagnostics.py",
+    "messages/stamps.py",
+    "navigator/aid_intake.py",
+    "nodes/ins_system.py",
+    "nodes/parameters.py",
+    "nodes/reporting.py",
+    "nodes/runtime.py",
+    "recordings/deferred_signals.py",
+    "recordings/mcap_recovery.py",
+    "recordings/sqlite_recovery.py",
+    "report/comparison.py",
+    "report/figures.py",
+    "report/series.py",
+    "report/table.py",
+    "stop_detection/gliding.py",
+    "stop_detection/service_schedule.py",
+    "stop_detection/turn_monitor.py",
+    "stop_detection/velocity_filter.py",
+    "zupt/measurements.py",
+    "zupt/stationary_updates.py",
+    "zupt/stop_records.py",
+}
+"""Modules whose tests are in other files still."""
+
+
+@pytest.mark.parametrize("module", [m for m in MODULES if m.name != "__init__.py"], ids=str)
+def test_a_module_has_its_test_file(module: Path) -> None:
+    expected = Path("test") / module.parent / f"test_{module.name}"
+    there = (ROOT / expected).is_file()
+    if str(module) in WITHOUT_TEST:
+        assert not there, f"{module} has its test: remove it from WITHOUT_TEST"
+    else:
+        assert there, f"{expected} is missing"
+
+
+@pytest.mark.parametrize("module", [m for m in MODULES if m.name == "__init__.py"], ids=str)
+def test_a_folder_says_what_it_is_for(module: Path) -> None:
+    assert ast.get_docstring(ast.parse((ROOT / "ins_nav" / module).read_text()))
