@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,12 +13,13 @@ from scipy.spatial.transform import Rotation
 from bench.markdown import table
 from ins_nav.estimation.observation import Measurement
 from ins_nav.mechanization import nav_state
-from ins_nav.messages import inputs, stamps
+from ins_nav.messages import inputs
 from ins_nav.navigator.delayed import DelayedNavigator
 from ins_nav.navigator.realtime import RealtimeNavigator
 from ins_nav.recordings.bags import BagReader
 from ins_nav.report.comparison import Errors, compare
 from ins_nav.report.series import Attitudes, Positions, Track, read_reference
+from ins_nav.stamps import stamp_of
 
 Array = NDArray[np.float64]
 _SECOND = 1_000_000_000
@@ -65,7 +66,6 @@ _MOVING = 1.0
 """m/s."""
 _OUTLIER = 10.0
 """m: a fix so far off is one."""
-_FEEDS: dict[str, Callable[[Any, Any], object]] = {"/gnss/fix": inputs.feed_fix, "/log": inputs.feed_log}
 _SLOW = ((0.0, 60.0), (1.0, 60.0), (2.0, 30.0), (2.0, 60.0), (2.0, 120.0), (3.0, 60.0))
 """gnss.slow_stddev, m, and gnss.slow_time, s, that are tried."""
 
@@ -131,9 +131,9 @@ def follow(bag: Path, parameters: Mapping[str, object], aids: Sequence[str], giv
             message = reader.deserialize(raw)
             if raw.topic != "/imu/data_raw":
                 if raw.topic == "/gnss/fix":
-                    inputs.feed_fix(navigator, message)
-                if raw.topic != "/gnss/fix" or given(stamps.stamp_of(message)):
-                    _FEEDS[raw.topic](aided, message)
+                    navigator.add("gnss/fix", message)
+                if raw.topic != "/gnss/fix" or given(stamp_of(message)):
+                    aided.add(raw.topic.removeprefix("/"), message)
                 continue
             inputs.feed_imu(aided, message)
             for feedback in aided.drain() if aids else ():
@@ -244,7 +244,7 @@ def _pool_rows(bag: Path, told_name: str, told: Mapping[str, object]) -> list[li
     with BagReader(bag) as reader:
         for raw in reader.messages({topic: topic for topic in ("/imu/data_raw", "/log", "/depth")}):
             message = reader.deserialize(raw)
-            now = stamps.stamp_of(message)
+            now = stamp_of(message)
             if raw.topic == "/imu/data_raw":
                 inputs.feed_imu(navigator, message)
                 if navigator.filter is not None and stamp_ns:
@@ -253,14 +253,14 @@ def _pool_rows(bag: Path, told_name: str, told: Mapping[str, object]) -> list[li
                 if navigator.state is not None and navigator.map is not None:
                     farthest = max(farthest, math.hypot(*navigator.map.position(navigator.state)[:2]))
             elif raw.topic == "/log":
-                inputs.feed_log(navigator, message)
+                navigator.add("log", message)
                 linear = message.twist.twist.linear
                 if navigator.filter is not None and log_ns:
                     turn = np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])
                     alone += turn @ (linear.x, linear.y) * (now - log_ns) * 1e-9
                 log_ns = now
             else:
-                inputs.feed_depth(navigator, message)
+                navigator.add("depth", message)
             navigator.drain()
     assert navigator.filter is not None and navigator.state is not None and navigator.map is not None
     east, north, _ = navigator.map.position(navigator.state)

@@ -23,6 +23,7 @@ from ins_nav.config.parameters import read_file
 from ins_nav.estimation.error_model import azimuth
 from ins_nav.mechanization import earth, nav_state
 from ins_nav.navigator.delayed import DelayedNavigator
+from ins_nav.simulation.messages import nav_sat_fix
 from ins_nav.simulation.scenarios import Simulation, simulate
 from ins_nav.simulation.sensors import GnssReceiver
 
@@ -172,7 +173,7 @@ def _run(case: Case, seed: int) -> Array:
     samples = np.column_stack([rates, forces]).tolist()
     for stamp_ns, sample in zip(simulation.stamps_ns.tolist(), samples, strict=True):
         while fix_ns <= stamp_ns:
-            navigator.add_fix(fix_ns, 0, place[0], place[1], place[2], covariance)
+            navigator.add("gnss/fix", nav_sat_fix(fix_ns, 0, place[0], place[1], place[2], covariance))
             fix_ns, place = next(pending)
         navigator.add_imu(stamp_ns, *sample)
         navigator.drain()

@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 
 from demo.recorder import Recorder, latency_ms
-from ins_nav.messages.stamps import stamp_of
 from ins_nav.nodes.runtime import init, spin
 from ins_nav.recordings.bags import typestore
+from ins_nav.stamps import stamp_of
 
 
 def main() -> None:

@@ -18,6 +18,7 @@ from ins_nav.config.parameters import read_file
 from ins_nav.estimation.error_model import azimuth
 from ins_nav.mechanization import earth, nav_state, strapdown
 from ins_nav.navigator.delayed import DelayedNavigator
+from ins_nav.simulation import messages as sensor_messages
 from ins_nav.simulation.scenarios import Simulation, simulate
 from ins_nav.simulation.sensors import PRESETS
 from ins_nav.stop_detection.detector import Change
@@ -93,13 +94,6 @@ class Run:
         """Go on to a time of the solution, s, and look at the errors now and then."""
         navigator, start_ns = self.navigator, self.simulation.start_ns
         end_ns, every_ns = start_ns + round(time * 1e9), round(every * 1e9)
-        feeds: dict[str, Callable[..., None]] = {
-            "fix": navigator.add_fix,
-            "log": navigator.add_log,
-            "depth": navigator.add_depth,
-            "range": navigator.add_range,
-            "beacon": navigator.add_beacon_fix,
-        }
         due_ns = start_ns if not self.rows else start_ns + round((self.rows[-1][0] + every) * 1e9)
         aids = self._aids
         for k in range(self._sample, len(self._stamps)):
@@ -108,7 +102,7 @@ class Run:
             navigator.drain()
             while self._aid < len(aids) and aids[self._aid][0] <= stamp_ns:
                 aid_ns, name, values = aids[self._aid]
-                feeds[name](aid_ns, *values)
+                navigator.add(*_message(aid_ns, name, values))
                 self._aid += 1
             self._sample = k + 1
             if navigator.filter is None:
@@ -163,6 +157,18 @@ def messages(simulation: Simulation, skip: Sequence[str] = ()) -> list[Message]:
     for beacon, ranges in aids.ranges.items():
         add("range", ranges.stamps_ns, [(beacon, x, ranges.stddev**2) for x in ranges.distance.tolist()])
     return list(heapq.merge(*streams, key=lambda message: message[0]))
+
+
+def _message(stamp_ns: int, name: str, values: tuple[Any, ...]) -> tuple[str, Any]:
+    """Topic and message."""
+    if name == "fix":
+        return "gnss/fix", sensor_messages.nav_sat_fix(stamp_ns, *values)
+    if name == "beacon":
+        return f"beacon/{values[0]}/fix", sensor_messages.nav_sat_fix(stamp_ns, *values[1:])
+    if name == "range":
+        return f"range/{values[0]}", sensor_messages.acoustic_range(stamp_ns, *values[1:])
+    make = sensor_messages.twist if name == "log" else sensor_messages.depth_pose
+    return name, make(stamp_ns, *values)
 
 
 @functools.lru_cache(1)

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+import aid_messages
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -87,16 +88,12 @@ class Fed:
         self.aided, self.ins = DelayedNavigator(self.parameters), RealtimeNavigator(self.parameters)
 
     def feed(self, *streams: list[Event], ins: bool = False) -> "Fed":
-        feeds = {
-            "imu": self.aided.add_imu,
-            "fix": self.aided.add_fix,
-            "velocity": self.aided.add_gnss_velocity,
-            "log": self.aided.add_log,
-            "depth": self.aided.add_depth,
-            "zupt": self.aided.call_zupt,
-        }
+        feeds = {"imu": self.aided.add_imu, "zupt": self.aided.call_zupt}
         for _, _, kind, arguments in sorted(itertools.chain(*streams), key=lambda event: event[:2]):
-            feeds[kind](*arguments)
+            if kind in feeds:
+                feeds[kind](*arguments)
+            else:
+                aid_messages.add(self.aided, kind, *arguments)
             new = self.aided.drain()
             self.feedback += new
             if ins:
@@ -105,7 +102,7 @@ class Fed:
                 if kind == "imu":
                     self.ins.add_imu(*arguments)
                 elif kind == "fix":
-                    self.ins.add_fix(*arguments)
+                    aid_messages.add(self.ins, kind, *arguments)
         self.said += [report.text for report in self.aided.events.drain()]
         return self
 

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from ins_nav.mechanization import attitude, nav_state
-from ins_nav.messages.inputs import feed_fix, feed_imu
+from ins_nav.messages.inputs import feed_imu
 from ins_nav.navigator.realtime import Phase, RealtimeNavigator
 from ins_nav.recordings.bags import BagReader
 
@@ -46,7 +46,7 @@ class Run:
         n = self.navigator
         for topic, message in _messages(name, seconds):
             if topic == "/gnss/fix":
-                feed_fix(n, message)
+                n.add("gnss/fix", message)
                 self._compare(message)
             elif feed_imu(n, message) and math.isnan(self.aligned_heading):
                 assert n.state is not None

@@ -3,11 +3,11 @@
 import argparse
 import math
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
-from ins_nav.aiding.parameters import beacon_names
-from ins_nav.config.parameters import parse_assignment, read_file
+from ins_nav.aiding.registry import create_aids
+from ins_nav.config.parameters import Value, parse_assignment, read_file
 from ins_nav.errors import InsNavError, Interrupted, for_people
 from ins_nav.messages import diagnostics, inputs
 from ins_nav.messages.solution import SolutionMessages, fill_bias
@@ -30,8 +30,9 @@ _IMU, _FIX = "sensor_msgs/msg/Imu", "sensor_msgs/msg/NavSatFix"
 _ODOMETRY, _DIAGNOSTICS = "nav_msgs/msg/Odometry", "diagnostic_msgs/msg/DiagnosticArray"
 _BOOL = "std_msgs/msg/Bool"
 _SECOND = 1_000_000_000
-Inputs = dict[str, tuple[str, inputs.Feed]]
-"""Topics that are read: types, and what gives a message to the filter."""
+_IMU_TOPIC = "/imu/data_raw"
+Inputs = dict[str, tuple[str, ...]]
+"""Topics that are read, with their types."""
 NODES = ("ins_node", "stop_detector_node", "alignment_node")
 """Nodes whose work is done here by default, as in `ins_system`; that of the first always is."""
 
@@ -132,10 +133,10 @@ class Calls:
                 self._aided.call_zupt(navigator.stamp_ns)
 
 
-def input_feeds(beacons: Iterable[str]) -> Inputs:
-    """Topics that are read where there are such beacons."""
-    aids = {absolute(topic): aid for topic, aid in inputs.aid_topics(beacons).items()}
-    return {"/imu/data_raw": (_IMU, inputs.feed_imu)} | aids
+def input_types(values: Mapping[str, Value]) -> Inputs:
+    """Topics that are read with these values of the parameters."""
+    aids = {absolute(aid.topic): aid.MESSAGE_TYPES for aid in create_aids(values).values()}
+    return {_IMU_TOPIC: (_IMU,)} | aids
 
 
 def input_topics(reader: BagReader, remap: dict[str, str], wanted: Inputs) -> dict[str, str]:
@@ -152,21 +153,23 @@ def input_topics(reader: BagReader, remap: dict[str, str], wanted: Inputs) -> di
     for topic, info in reader.topics.items():
         target = remap.get(topic, topic)
         if target in wanted:
-            if info.msgtype != wanted[target][0]:
-                raise BagError(f"{reader.path}: {topic} is {info.msgtype}; {target} must be {wanted[target][0]}")
+            if info.msgtype not in wanted[target]:
+                types = " or ".join(wanted[target])
+                raise BagError(f"{reader.path}: {topic} is {info.msgtype}; {target} must be {types}")
             names[topic] = target
-    if "/imu/data_raw" not in names.values():
+    if _IMU_TOPIC not in names.values():
         imus = [topic for topic, info in reader.topics.items() if info.msgtype == _IMU and topic not in remap]
         hint = f": add --remap {imus[0]}:=/imu/data_raw" if imus else f"; it has {', '.join(reader.topics)}"
         raise BagError(f"{reader.path}: no topic /imu/data_raw{hint}")
     return names
 
 
-def feed(navigator: RealtimeNavigator, topic: str, content: object) -> bool:
-    """Give a message of one of the inputs to the navigator; True when there is a new solution."""
-    if topic == "/gnss/fix":
-        inputs.feed_fix(navigator, content)
-    return topic == "/imu/data_raw" and inputs.feed_imu(navigator, content)
+def _add(navigator: RealtimeNavigator, topic: str, content: object) -> bool:
+    """Give a message to a navigator; True when there is a new solution."""
+    if topic == _IMU_TOPIC:
+        return inputs.feed_imu(navigator, content)
+    navigator.add(topic.removeprefix("/"), content)
+    return False
 
 
 def parse_remaps(texts: Iterable[str]) -> dict[str, str]:
@@ -234,7 +237,7 @@ def main(argv: Sequence[str] | None = None) -> int | None:
         raise InsNavError(f"{args.output}: is where the recording itself is; choose another name")
     damage = None
     with BagReader(args.bag) as reader:
-        wanted = input_feeds(beacon_names(navigator.configuration.values["range.beacons"]))
+        wanted = input_types(navigator.configuration.values)
         names = input_topics(reader, parse_remaps(args.remap), wanted)
         with BagWriter(args.output, args.overwrite) as writer:
             recorder = Recorder(writer, navigator, aided)
@@ -243,10 +246,10 @@ def main(argv: Sequence[str] | None = None) -> int | None:
                 for raw in _with_progress(reader, reader.messages(names), navigator, aided):
                     topic, content = names[raw.topic], reader.deserialize(raw)
                     if aided is not None:
-                        wanted[topic][1](aided, content)
+                        _add(aided, topic, content)
                         for feedback in aided.drain():
                             navigator.follow(feedback)
-                    if feed(navigator, topic, content):
+                    if _add(navigator, topic, content):
                         recorder.solution()
                     if calls is not None:
                         calls.after_sample()
@@ -259,7 +262,7 @@ def main(argv: Sequence[str] | None = None) -> int | None:
             recorder.tick(reader.end_ns, last=True)
     if args.save:
         if aided is not None and aided.found_calibration:
-            navigator.log_calibration = aided.found_calibration
+            navigator.calibration = aided.found_calibration
         saved, text = navigator.save()
         if not saved:
             raise InsNavError(f"--save: {text}")

@@ -1,4 +1,4 @@
-"""What is kept from one start to the next: biases, the log's calibration, the last pose.
+"""What is kept from one start to the next: biases, calibrations of aids, the last pose.
 
 A file of ROS 2 parameters, so that it can be read, edited, and given to a node as it is. Biases are taken up as first
 values with the uncertainty that the parameters name, for a unit's bias changes from one start to the next; how the log
@@ -7,7 +7,7 @@ is mounted does not, and its uncertainty is that of the calibration.
 
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import NamedTuple
@@ -20,7 +20,6 @@ from ins_nav.errors import InsNavError
 from ins_nav.event_log import INFO, WARN, EventLog
 
 _BIASES = ("imu.gyro_bias_deg_per_hour", "imu.accel_bias_mg")
-_LOG = ("log.scale", "log.scale_stddev", "log.pitch_deg", "log.yaw_deg", "log.misalignment_stddev_deg")
 _POSE = ("latitude_deg", "longitude_deg", "height", "heading_deg", "position_stddev", "stamp")
 _LAST = "last_pose"
 
@@ -43,26 +42,17 @@ class Pose(NamedTuple):
     """s."""
 
 
-def log_calibration(values: Sequence[tuple[float, float]]) -> dict[str, Value]:
-    """The log's own states, value and sigma each (`measurements.Log`), as parameters; none where none."""
-    if not values:
-        return {}
-    (scale, scale_stddev), (pitch, pitch_stddev), (yaw, yaw_stddev) = values[:3]
-    found = scale, scale_stddev, math.degrees(pitch), math.degrees(yaw), math.degrees(max(pitch_stddev, yaw_stddev))
-    return dict(zip(_LOG, found, strict=True))
-
-
 def read_calibration(
-    labels: Sequence[str], numbers: Sequence[float], configuration: Configuration
+    labels: Sequence[str], numbers: Sequence[float], configuration: Configuration, names: Collection[str]
 ) -> dict[str, Value] | None:
-    """The log's parameters by name from a message; None where they are not."""
-    if tuple(labels) != _LOG or len(numbers) != len(_LOG):
+    """Calibrated parameters from a message, by name; None where they are not among ``names`` or out of range."""
+    if not labels or len(labels) != len(numbers) or not set(labels) <= set(names):
         return None
     try:
         values = configuration.updated(dict(zip(labels, numbers, strict=True))).values
     except InsNavError:
         return None
-    return {name: values[name] for name in _LOG}
+    return {name: values[name] for name in labels}
 
 
 def save(path: str | Path, parameters: Mapping[str, Value], pose: Pose) -> None:
@@ -72,7 +62,7 @@ def save(path: str | Path, parameters: Mapping[str, Value], pose: Pose) -> None:
     ----------
     path : str or Path
     parameters : mapping
-        `_BIASES`, and of the log's what is known.
+        `_BIASES`, and calibrations of aids.
     pose : Pose
 
     Raises
@@ -97,10 +87,19 @@ def save(path: str | Path, parameters: Mapping[str, Value], pose: Pose) -> None:
         raise StateFileError(f"state_file {path}: {error.strerror}") from None
 
 
-def take_up(configuration: Configuration, events: EventLog) -> tuple[Configuration, dict[str, Value], Pose | None]:
-    """The configuration with the values in ``state_file``, these values, and the last pose, if there is one.
+def take_up(
+    configuration: Configuration, events: EventLog, names: Collection[str]
+) -> tuple[Configuration, dict[str, Value], Pose | None]:
+    """The configuration with the values in ``state_file``, those of calibrations, and the last pose, if there is one.
 
     A file that does not exist yet, or is damaged, is reported and not used: a vehicle must start without it.
+
+    Parameters
+    ----------
+    configuration : Configuration
+    events : EventLog
+    names : collection of str
+        Parameters that are calibrations.
     """
     name = configuration.state_file.path
     path = Path(name).expanduser()
@@ -110,20 +109,21 @@ def take_up(configuration: Configuration, events: EventLog) -> tuple[Configurati
         events.report(INFO, f"state_file {path} is not there yet: ins_node/save writes it")
         return configuration, {}, None
     try:
-        kept, pose = load(path, configuration)
+        kept, pose = load(path, configuration, names)
     except StateFileError as error:
         events.report(WARN, f"{error}: nothing of it is used; save again, or remove it")
         return configuration, {}, None
     events.report(INFO, f"state_file {path}: {', '.join(kept)} taken up, as saved {_date(pose)}")
-    return configuration.updated(kept), kept, pose
+    calibration = {name: value for name, value in kept.items() if name in names}
+    return configuration.updated(kept), calibration, pose
 
 
 def _date(pose: Pose) -> str:
     return datetime.fromtimestamp(pose.stamp, UTC).isoformat(timespec="seconds")
 
 
-def load(path: str | Path, configuration: Configuration) -> tuple[dict[str, Value], Pose]:
-    """Parameters that take the place of others, and the last pose.
+def load(path: str | Path, configuration: Configuration, names: Collection[str]) -> tuple[dict[str, Value], Pose]:
+    """Parameters that replace others, biases and those of ``names``, and the last pose.
 
     Raises
     ------
@@ -139,7 +139,7 @@ def load(path: str | Path, configuration: Configuration) -> tuple[dict[str, Valu
         raise StateFileError(f"state_file {path}: no {error.args[0]}") from None
     except (InsNavError, TypeError, ValueError, OverflowError) as error:
         raise StateFileError(f"state_file {path}: {error}") from None
-    other = content.keys() - {*_BIASES, *_LOG}
+    other = content.keys() - {*_BIASES, *names}
     if other:
         raise StateFileError(f"state_file {path}: {min(other)} is not kept in such a file")
     if not all(map(math.isfinite, pose)) or abs(pose.latitude_deg) > 90.0:

@@ -7,8 +7,8 @@ import numpy as np
 
 from ins_nav.estimation.state_layout import SOLUTION_SIZE
 from ins_nav.mechanization.nav_state import NavState
-from ins_nav.messages.stamps import NS
 from ins_nav.navigator.correction import Correction
+from ins_nav.stamps import NS
 
 FEEDBACK = (
     ("stamp", 2),

@@ -6,7 +6,6 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from ins_nav.aiding.aids import BEACON
 from ins_nav.estimation.state_layout import (
     ACCEL_BIAS,
     GYRO_BIAS,
@@ -17,9 +16,9 @@ from ins_nav.estimation.state_layout import (
     TILT,
 )
 from ins_nav.event_log import ERROR, INFO, EventLog
-from ins_nav.messages.stamps import NS
 from ins_nav.navigator.delayed import DelayedNavigator
 from ins_nav.navigator.realtime import Phase, RealtimeNavigator
+from ins_nav.stamps import NS
 
 SILENCE = 2.0
 """s without a message on imu/data_raw that is an error: 20 intervals of the slowest IMU."""
@@ -94,11 +93,7 @@ def alignment_diagnostics(navigator: DelayedNavigator, silent_for: float = 0.0) 
             if record.accepted:
                 age = (navigator.settled_ns - record.accepted_ns) / NS
                 values[f"{name}: last accepted"] = f"{age:.1f} s ago"
-        own = navigator.own_states(name)
-        if name.startswith(BEACON):
-            values[f"{name}: place sigma"] = f"{math.hypot(*(s for _, s in own[:3])):.2f} m"
-        elif own:
-            values[f"{name}: own states"] = ", ".join(f"{x:.4f} ± {s:.4f}" for x, s in own)
+        values |= {f"{name}: {key}": text for key, text in navigator.status(name).items()}
     values |= {kind: str(count) for kind, count in navigator.events.counts.items()}
     level, text = _summary(navigator, navigator.events, silent_for)
     if level == 0 and navigator.phase is Phase.FINE and navigator.filter is not None:

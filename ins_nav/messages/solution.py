@@ -15,8 +15,8 @@ from ins_nav.estimation import error_model
 from ins_nav.estimation.state_layout import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, POSE, POSITION, VELOCITY
 from ins_nav.mechanization import nav_state
 from ins_nav.mechanization.attitude import conjugate, multiply
-from ins_nav.messages.stamps import set_stamp
 from ins_nav.navigator.realtime import RealtimeNavigator
+from ins_nav.stamps import set_stamp
 
 
 def _set_vector(vector: Any, values: tuple[float, ...]) -> None:

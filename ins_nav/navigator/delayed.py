@@ -16,34 +16,31 @@ References
 .. [1] Vavilova, Golovan, Kozlov, Papusha, fine alignment of an AUV's INS on a rocking base.
 """
 
-import heapq
 import math
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ins_nav.aiding import aids
-from ins_nav.aiding.aids import Aid, Observation, Record
-from ins_nav.aiding.range_search import RangeSearch, uncertain
+from ins_nav.aiding.aid_queue import AidQueue
+from ins_nav.aiding.base import Aid, Observation, OwnStates, Record, Unusable
+from ins_nav.aiding.registry import create_aids
 from ins_nav.alignment.coarse_alignment import Alignment
 from ins_nav.alignment.initial_position import Place
 from ins_nav.config.parameters import Value
-from ins_nav.config.state_file import log_calibration
 from ins_nav.estimation import covariance_propagation
 from ins_nav.estimation.error_filter import ErrorFilter
 from ins_nav.estimation.innovation_gate import GATE, PATIENCE
 from ins_nav.estimation.observation import Measurement, Solution
-from ins_nav.estimation.state_layout import HORIZONTAL_VELOCITY, POSITION, SIZE
+from ins_nav.estimation.state_layout import HORIZONTAL_VELOCITY
 from ins_nav.event_log import INFO, WARN
 from ins_nav.mechanization import nav_state, strapdown
-from ins_nav.mechanization.attitude import rotate
 from ins_nav.mechanization.replay_buffer import LENGTH_NS
-from ins_nav.navigator.aid_intake import AidIntake
 from ins_nav.navigator.correction import Correction
-from ins_nav.navigator.realtime import Phase
+from ins_nav.navigator.realtime import Phase, RealtimeNavigator
 from ins_nav.stop_detection.detector import Change
 from ins_nav.zupt.calibration import SETTLE_NS
 from ins_nav.zupt.stationary_updates import StationaryUpdates
@@ -63,7 +60,7 @@ _TYPICAL_NOISE = (math.radians(0.1) / 60.0, 1e-3)
 """rad/√s and m/s/√s: of a tactical IMU, where it could not be learnt at rest."""
 
 
-class DelayedNavigator(AidIntake):
+class DelayedNavigator(RealtimeNavigator):
     """A navigator with the filter; ``state`` and ``settled_ns`` lag behind the samples.
 
     Parameters
@@ -74,7 +71,7 @@ class DelayedNavigator(AidIntake):
     Attributes
     ----------
     settled_ns : int
-        Stamp of ``state``.
+        Stamp of ``state``; 0 before there is one: older observations are too late.
     filter : ErrorFilter or None
         None until coarse alignment is done.
     records : dict of name to Record
@@ -98,7 +95,9 @@ class DelayedNavigator(AidIntake):
 
     def _begin(self) -> None:
         self.filter = None
-        self._log_found: list[tuple[float, float]] = []
+        self._aids: dict[str, Aid[Any]] = create_aids(self.configuration.values)
+        self._aid_queue = AidQueue(self._aids, self.events)
+        self._calibrated: dict[str, list[tuple[float, float]]] = {}
         super()._begin()
         self._out: list[Correction] = []
         self._placed = False
@@ -106,16 +105,32 @@ class DelayedNavigator(AidIntake):
 
     def _align(self) -> None:
         super()._align()
-        if self.found_calibration:
-            self._log_found = self.own_states(aids.LOG)[:3]  # how it is mounted stays
+        for aid in self._accepted_aids():  # how units are mounted stays
+            self._calibrated[aid.name] = self.own_states(aid.name)[: aid.CALIBRATED]
         self.filter = None
+        self.settled_ns = self._began_ns = 0
+        self._aid_queue.restart()
         self.records: dict[str, Record] = {}
         self._pending: deque[tuple[int, strapdown.Sample]] = deque()
         self._filtered_ns = self._emitted_ns = self._first_ns = 0
         self._taken_ns: dict[str, int] = {}
         self._fine_before = 0.0
-        self._searches: dict[str, RangeSearch] = {}
         self._news = False
+
+    def add(self, topic: str, message: Any) -> None:
+        """Add a message of an aid: for the place to align at, as in `RealtimeNavigator.add`, and for the filter."""
+        observation = self._aid_queue.add(topic, message, self.stamp_ns, self.settled_ns)
+        if topic in self.position_aids:
+            self._align_at(self.position_aids[topic], observation)
+
+    def _accepted_aids(self) -> list[Aid[Any]]:
+        """Those of which a measurement was accepted since alignment, and which calibrate their unit."""
+        if self.filter is None:
+            return []
+        return [aid for name, aid in self._aids.items() if aid.CALIBRATED and self._record(name).accepted]
+
+    def _record(self, name: str) -> Record:
+        return self.records.get(name, Record())
 
     def own_states(self, name: str) -> list[tuple[float, float]]:
         """Value and sigma of the states that an aid has in the filter."""
@@ -126,26 +141,32 @@ class DelayedNavigator(AidIntake):
 
     @property
     def found_calibration(self) -> dict[str, Value]:
-        """Parameters of the log, once it has had a say."""
-        log = self.records.get(aids.LOG) if self.filter is not None else None
-        return log_calibration(self.own_states(aids.LOG)) if log is not None and log.accepted else {}
+        """Parameters that aids have calibrated, of those which had a measurement accepted."""
+        found: dict[str, Value] = {}
+        for aid in self._accepted_aids():
+            found |= aid.calibration(self.own_states(aid.name))
+        return found
+
+    def status(self, name: str) -> dict[str, str]:
+        """Own states of an aid, for diagnostics."""
+        return self._aids[name].status(self.own_states(name)) if name in self._aids else {}
 
     def missed(self) -> list[str]:
-        """What has become of aids that have had nothing accepted for a while, but for GNSS that is silent."""
+        """Aids that have had nothing accepted for a while, with the reason; not those whose silence is no fault."""
         if self.filter is None or (self._until_aligned and self.phase is Phase.NAVIGATING):
             return []
-        found = (self._missed(name, aid) for name, aid in self._aids.items())
-        return [f"{aids.topic(name)}: {text}" for name, text in zip(self._aids, found, strict=True) if text]
+        enabled = [aid for aid in self._aids.values() if aid.parameters.enabled]
+        found = ((aid, self._missed(aid)) for aid in enabled)
+        return [f"{aid.topic}: {text}" for aid, text in found if text]
 
-    def _missed(self, name: str, aid: Aid) -> str:
-        record = self.records.get(name, Record())
+    def _missed(self, aid: Aid[Any]) -> str:
+        record, heard = self._record(aid.name), aid.name in self._aid_queue.heard
         taken_ns = record.last.stamp_ns if record.last is not None else 0
         silent, out = ((self.settled_ns - max(ns, self._began_ns)) * 1e-9 for ns in (taken_ns, record.accepted_ns))
         usual = max(_MISSED, 5.0 * record.interval)
-        may_be_silent = name.startswith(aids.GNSS) or isinstance(aid, aids.BeaconFix)
-        if silent > usual and name in self.heard and not may_be_silent:
+        if silent > usual and heard and not aid.MAY_BE_SILENT:
             return f"nothing usable for {silent:.0f} s"
-        if silent > usual and name not in self.heard and isinstance(aid, aids.Range):
+        if silent > usual and not heard and aid.EXPECTED:
             return "never heard"
         if record.last is not None and silent <= usual < out:
             return f"{record.last.reason} for {out:.0f} s: check its sigma, lever arm and clock"
@@ -212,19 +233,16 @@ class DelayedNavigator(AidIntake):
         """Start the filter at the present state; its covariance on n."""
         known = self.configuration
         model = covariance_propagation.error_model(known.imu, known.navigation, known.aiding, self._noise)
-        own = {name: aid.states for name, aid in self._aids.items() if aid.states}
-        if self._log_found and aids.LOG in own:
-            mounted = [
-                replace(state, value=value, stddev=stddev)
-                for state, (value, stddev) in zip(own[aids.LOG], self._log_found, strict=False)
-            ]
-            own[aids.LOG] = (*mounted, *own[aids.LOG][3:])
+        own = {name: aid.states for name, aid in self._aids.items() if aid.states and aid.parameters.enabled}
+        for name in self._calibrated.keys() & own.keys():
+            found = self._calibrated[name]
+            kept = [replace(s, value=x, stddev=stddev) for s, (x, stddev) in zip(own[name], found, strict=False)]
+            own[name] = (*kept, *own[name][len(kept) :])
         self.filter = covariance_propagation.filter_of(model, covariance, own)
         self.phase = Phase.FINE
         self._filtered = self.state
         self.settled_ns = self._filtered_ns = self._emitted_ns = self._began_ns = stamp_ns
-        self._forget(stamp_ns)
-        self._recall()
+        self._aid_queue.begin(stamp_ns)
         detector = self.stops.detector
         self._stops.begin(detector.since_ns if detector.stopped else None)
 
@@ -255,11 +273,11 @@ class DelayedNavigator(AidIntake):
         return False
 
     def _settle(self, until_ns: int) -> None:
-        pending, queue = self._pending, self._queue
+        pending = self._pending
         while pending and pending[0][0] <= until_ns:
             stamp_ns, raw = pending.popleft()
-            while queue and queue[0].stamp_ns <= stamp_ns:
-                self._take_aid(heapq.heappop(queue), raw)
+            for observation in self._aid_queue.until(stamp_ns):
+                self._take_aid(observation, raw)
             assert self.state is not None
             sample = self._without_bias(raw)
             before = self._without_bias(self._before)
@@ -305,112 +323,69 @@ class DelayedNavigator(AidIntake):
         gx, gy, gz = self.gyro_bias
         return x - gx, y - gy, z - gz
 
-    def _take_aid(self, seen: Observation, raw: strapdown.Sample) -> None:
+    def _take_aid(self, observation: Observation, raw: strapdown.Sample) -> None:
         """An observation between the settled sample and the next."""
-        aid = self._aids[seen.aid]
+        aid = self._aids[observation.aid]
         if self._until_aligned and self.phase is Phase.NAVIGATING:
             return
-        if self._taken_ns.get(seen.aid) == seen.stamp_ns:
-            text = f"{aids.topic(seen.aid)}: a stamp repeated, left out"
-            self.events.count(f"{seen.aid} repeated", INFO, text, seen.stamp_ns)
+        if self._taken_ns.get(aid.name) == observation.stamp_ns:
+            text = f"{aid.topic}: a stamp repeated, rejected"
+            self.events.count(f"{aid.name} repeated", INFO, text, observation.stamp_ns)
             return
-        self._taken_ns[seen.aid] = seen.stamp_ns
+        self._taken_ns[aid.name] = observation.stamp_ns
         assert self.filter is not None and self.state is not None
         self._propagate()
-        after = (seen.stamp_ns - self.settled_ns) * 1e-9
+        after = (observation.stamp_ns - self.settled_ns) * 1e-9
         state = self.state
         if after > 0.0:
             part = (after, *self._without_bias(raw)[1:])
             state = strapdown.step(state, self._without_bias(self._before), part, self._instantaneous, self._vertical)
-        now_ns = max(seen.stamp_ns, self.settled_ns)
-        own = self.filter.own(seen.aid, aid.shares)
-        solution = self.filter.solution(state, self._rate(max(0.0, after), raw), self.gyro_bias, now_ns)  # type: ignore[arg-type]
-        ranged = isinstance(aid, aids.Range)
-        measurement = self._ranged(aid, solution, own, seen) if ranged else aid.measure(solution, own, seen)  # type: ignore[arg-type]
+        now_ns = max(observation.stamp_ns, self.settled_ns)
+        names = (aid.name, aid.shares)
+        own = OwnStates(self.filter.own(*names), self.filter.own_covariance(*names))
+        solution = self.filter.solution(state, self._rate(max(0.0, after), raw), self.gyro_bias, now_ns)
+        try:
+            measurement = aid.measure(solution, own, observation)
+        except Unusable as reason:
+            text = f"{aid.topic}: {reason}"
+            self.events.count(f"{aid.name} {reason.kind}", reason.level, text, observation.stamp_ns)
+            return
         if measurement is not None:
-            self._update(seen.aid, now_ns, measurement, aid.settings.gate, self._patience(aid, seen))
-            self._placed = self._placed or (seen.aid == aids.GNSS and self.records[seen.aid].accepted > 0)
-
-    def _patience(self, aid: Aid, seen: Observation) -> float:
-        """How long an aid is not believed against the filter, s; for ever where it is likely the aid that is wrong."""
-        patience = aid.patience(seen)
-        if isinstance(aid, aids.Range) and self._placed:  # it is the beacon that is not where it says
-            return 0.0
-        if seen.aid == aids.LOG and patience > 0.0 and self.records.get(seen.aid, Record()).accepted:
-            return math.inf  # it has agreed before: it has lost the bottom
-        return patience
-
-    def _ranged(self, aid: aids.Range, solution: Solution, own: Array, seen: Observation) -> Measurement | None:
-        """What a range says; where position is hardly known, what it says together with others (`range_search`)."""
-        assert self.filter is not None
-        name, place = seen.aid, aid.place(own, seen)
-        if place is None:
-            text = f"{aids.topic(name)}: nobody knows where the beacon is: publish its fixes, or set its parameters"
-            self.events.count(f"{name} unusable", WARN, text, seen.stamp_ns)
-            return None
-        away, covariance = aid.meter.away(solution.state, place), solution.position_covariance
-        spread = aid.spread(solution, self.filter.own_covariance(aid.shares))
-        if not uncertain(covariance[:2, :2], away):
-            self._searches.pop(name, None)
-            if uncertain(spread[:2, :2], away):
-                text = f"{aids.topic(name)}: where the beacon is is known to {math.sqrt(spread.trace()):.0f} m only"
-                self.events.count(f"{name} unusable", INFO, text, seen.stamp_ns)
-                return None
-            return aid.measure(solution._replace(position_covariance=covariance + spread), own, seen)
-        covariance = (covariance + spread)[:2, :2]  # from the beacon to here
-        search = self._searches.setdefault(name, RangeSearch())
-        distance = seen.value[0]
-        scale, bias = self.filter.own_stddev(name).tolist()
-        common = (scale * distance) ** 2 + bias**2
-        search.add(away, distance, float(seen.covariance[0, 0]) + common, covariance)
-        found = search.settled(away)
-        if found is None:
-            sigma = math.sqrt(covariance.trace())
-            text = f"{aids.topic(name)}: position is known to {sigma:.0f} m only, {distance:.0f} m away: ranges are "
-            text += "gathered until they show one place: change course"
-            self.events.count(f"{name} gathered", INFO, text, seen.stamp_ns)
-            return None
-        del self._searches[name]
-        h: Array = np.eye(2, SIZE)
-        columns = aid.place_columns(solution, seen)
-        r = found[1] + common * np.eye(2)  # many ranges do not average that
-        return Measurement(-found[0], h, r, POSITION, None if columns is None else -columns[:2], aid.shares)
+            patience = aid.patience(observation, self._record(aid.name).accepted > 0, self._placed)
+            self._update(aid.name, now_ns, measurement, aid.parameters.gate, patience)
+            self._placed = self._placed or (aid.GIVES_POSITION and self._record(aid.name).accepted > 0)
 
     def _update(
         self, name: str, stamp_ns: int, measurement: Measurement, gate: float = GATE, patience: float = PATIENCE
     ) -> None:
         assert self.filter is not None and self.state is not None
         update = self.filter.update(name, stamp_ns, measurement, gate, patience)
-        self.records.setdefault(name, Record()).take(update)
+        self.records.setdefault(name, Record()).count(update)
+        aid = self._aids.get(name)  # none for a measurement at a stop
+        topic = name if aid is None else aid.topic
         if not update.accepted:
             size = max(map(abs, update.innovation))
             self.events.count(
                 f"{name} rejected",
                 INFO,
-                f"{aids.topic(name)}: {update.reason}: off by {size:.2f}, test ratio {update.test_ratio:.1f}",
+                f"{topic}: {update.reason}: off by {size:.2f}, test ratio {update.test_ratio:.1f}",
                 stamp_ns,
             )
             return
         if update.reason:
-            text = f"{aids.topic(name)}: accepted {update.reason} (test ratio {update.test_ratio:.1f}): "
+            text = f"{topic}: accepted {update.reason} (test ratio {update.test_ratio:.1f}): "
             if measurement.direct is not None:
                 text += "the solution was wrong by more than its sigma"
-            elif name.startswith(aids.BEACON):
-                text += "the beacon was elsewhere: is range.beacon_speed too small?"
-            else:
-                text += "its own error is another than before"
+            elif aid is not None:
+                text += aid.CHANGED
             self.events.report(WARN, text)
         before = self.state
         self.state, gyro, accel = self.filter.feed_back(before, self.gyro_bias, self.accel_bias)  # type: ignore[arg-type]
         self._filtered, self.gyro_bias, self.accel_bias = self.state, gyro, accel
         self._news = True
         self._stops.corrected(before, self.state)  # type: ignore[arg-type]
-        if self._searches:
-            x, y, z, w = self.state[7:11]
-            moved = np.subtract(nav_state.position_ecef(self.state), nav_state.position_ecef(before))  # type: ignore[arg-type]
-            east, north, _ = rotate((-x, -y, -z, w), *moved.tolist())
-            for search in self._searches.values():
-                search.moved(east, north)
+        for other in self._aids.values():
+            other.corrected(before, self.state)
 
     def _rest(self, raw: strapdown.Sample) -> None:
         """The settled sample, where it is one of a stop."""

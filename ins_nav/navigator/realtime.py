@@ -6,14 +6,17 @@ solutions leave as a `ins_nav.mechanization.strapdown.NavState`.
 
 import enum
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from ins_nav.aiding.aids import GNSS, Settings
+from ins_nav.aiding.aid_queue import observe
+from ins_nav.aiding.base import Aid, Observation
 from ins_nav.aiding.parameters import configuration
+from ins_nav.aiding.registry import by_topic, calibration_names, create_aids
 from ins_nav.alignment.coarse_alignment import Alignment, AlignmentError, CoarseAlignment
 from ins_nav.alignment.handover import after_alignment
 from ins_nav.alignment.initial_position import InitialPosition, Place
@@ -76,8 +79,10 @@ class RealtimeNavigator:
         Stamp at which alignment ended; 0 before.
     map : MapFrame or None
         East-north-up at the place of the first alignment since the start or the last restart.
-    log_calibration : dict
-        Parameters of the log that `alignment_node` has found, to be saved.
+    calibration : dict
+        Parameters of aids that the filter has calibrated, to be saved.
+    position_aids : dict of topic to Aid
+        Those whose messages can give the place to align at.
     events : EventLog
     stream : ImuStream
     stops : StopCalibration
@@ -89,13 +94,12 @@ class RealtimeNavigator:
 
     def __init__(self, overrides: Mapping[str, object] | None = None) -> None:
         self.events = EventLog()
-        known, kept, last = state_file.take_up(configuration(overrides), self.events)
+        known, self.calibration, last = state_file.take_up(configuration(overrides), self.events, calibration_names())
         for warning in known.warnings:
             self.events.report(WARN, warning)
         self.configuration = known
-        gnss = Settings.of(GNSS, known.values)
-        self._place = InitialPosition(known.initial, last, self.events, gnss.covariance, gnss.lever_arm)
-        self.log_calibration = {name: value for name, value in kept.items() if name.startswith("log.")}
+        self._place = InitialPosition(known.initial, last, self.events)
+        self.position_aids = by_topic({n: a for n, a in create_aids(known.values).items() if a.GIVES_POSITION})
         imu = known.imu
         self.stream = ImuStream(self.events, imu)
         self._instantaneous = imu.instantaneous
@@ -201,7 +205,7 @@ class RealtimeNavigator:
         place = math.degrees(where.lat), math.degrees(where.lon), where.height
         kept: dict[str, Value] = {
             **ImuSection.overrides("imu", gyro_bias=self.gyro_bias, accel_bias=self.accel_bias),
-            **self.log_calibration,
+            **self.calibration,
         }
         try:
             state_file.save(path, kept, state_file.Pose(*place, heading, stddev, self.stamp_ns * 1e-9))
@@ -325,32 +329,25 @@ class RealtimeNavigator:
         """Share of the alignment done, 0 to 1."""
         return 1.0 if self.phase is Phase.NAVIGATING else min(1.0, self._alignment.time / self._duration)
 
-    def add_fix(
-        self,
-        stamp_ns: int,
-        status: int,
-        latitude_deg: float,
-        longitude_deg: float,
-        height: float,
-        covariance: Sequence[float] = (),
-    ) -> None:
-        """Take a satellite fix (NavSatFix: status below 0 is no fix).
+    def add(self, topic: str, message: Any) -> None:
+        """Add a message of an aid.
 
-        The first valid one gives the position, unless parameters do; where alignment had to start again, so does the
-        first after that.
+        The first that gives a position is the place to align at, unless parameters name one; where alignment had to
+        start again, so is the first after that.
 
         Parameters
         ----------
-        stamp_ns : int
-        status : int
-        latitude_deg, longitude_deg : float
-        height : float
-            Ellipsoidal, m.
-        covariance : sequence of float
-            East, north, up, row by row, m²; empty: not given.
+        topic : str
+        message : message
+            Of one of the aid's types (`ins_nav.aiding.base.Aid.MESSAGE_TYPES`).
         """
-        aligning = self.state is None
-        self._place.take_fix(stamp_ns, status, latitude_deg, longitude_deg, height, covariance, aligning)
+        aid = self.position_aids.get(topic)
+        if aid is not None:
+            self._align_at(aid, observe(aid, message, self.stamp_ns, self.events))
+
+    def _align_at(self, aid: Aid[Any], observation: Observation | None) -> None:
+        if observation is not None and self.state is None:
+            self._place.observe(aid.place(observation), aid.topic, self.stamp_ns)
 
     def add_imu(self, stamp_ns: int, wx: float, wy: float, wz: float, fx: float, fy: float, fz: float) -> bool:
         """Take one IMU sample on the IMU's axes; True when there is a new solution.

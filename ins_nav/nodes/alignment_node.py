@@ -6,6 +6,8 @@ does the work.
 """
 
 import sys
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from rclpy.node import Node
@@ -14,7 +16,7 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import Imu
 from std_msgs.msg import Float64MultiArray, Header, MultiArrayDimension
 
-from ins_nav.aiding.parameters import beacon_names
+from ins_nav.aiding.registry import create_aids
 from ins_nav.errors import for_people
 from ins_nav.messages import correction_codec, diagnostics, inputs
 from ins_nav.navigator.delayed import DelayedNavigator
@@ -42,22 +44,23 @@ class AlignmentNode(Node):
         self._calibration = self.create_publisher(Float64MultiArray, "ins/calibration", reliable)
         self._feedback = feedback_message()
         self._subscribe(Imu, "imu/data_raw", self._on_imu, _IMU_DEPTH)
-        beacons = beacon_names(self._navigator.configuration.values["range.beacons"])
-        for topic, (msgtype, feed) in inputs.aid_topics(beacons).items():
-            self._subscribe(runtime.message_class(msgtype), topic, feed)
+        for aid in create_aids(self._navigator.configuration.values).values():
+            self._subscribe(runtime.message_class(aid.MESSAGE_TYPES[0]), aid.topic, partial(self._on_aid, aid.topic))
         self.create_subscription(Float64MultiArray, "ins/solution", self._on_solution, reliable)
         self.create_subscription(Header, "ins/called", self._on_called, reliable)
         self.create_timer(1.0, self._on_timer)
         self.get_logger().info("waiting for imu/data_raw")
 
-    def _subscribe(self, kind: Any, topic: str, feed: Any, depth: int = 100) -> None:
+    def _subscribe(self, kind: Any, topic: str, callback: Callable[[Any], None], depth: int = 100) -> None:
         qos = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=depth, reliability=ReliabilityPolicy.BEST_EFFORT)
         overriding = QoSOverridingOptions.with_default_policies()
-        self.create_subscription(
-            kind, topic, lambda message: feed(self._navigator, message), qos, qos_overriding_options=overriding
-        )
+        self.create_subscription(kind, topic, callback, qos, qos_overriding_options=overriding)
 
-    def _on_imu(self, navigator: DelayedNavigator, message: Imu) -> None:
+    def _on_aid(self, topic: str, message: Any) -> None:
+        self._navigator.add(topic, message)
+
+    def _on_imu(self, message: Imu) -> None:
+        navigator = self._navigator
         inputs.feed_imu(navigator, message)
         for feedback in navigator.drain():
             correction_codec.fill_feedback(self._feedback, feedback)

@@ -6,6 +6,7 @@ at stops, and calibrates itself there when asked (services zupt1 and zupt2). A t
 """
 
 import sys
+from functools import partial
 from typing import Any
 
 from geometry_msgs.msg import TransformStamped
@@ -17,6 +18,7 @@ from sensor_msgs.msg import Imu, NavSatFix
 from std_msgs.msg import Float64MultiArray, Header
 from std_srvs.srv import Trigger
 
+from ins_nav.aiding.registry import calibration_names
 from ins_nav.config.state_file import read_calibration
 from ins_nav.errors import InsNavError, for_people
 from ins_nav.event_log import WARN
@@ -62,9 +64,11 @@ class InsNode(Node):
         self.create_subscription(
             Imu, "imu/data_raw", self._on_imu, _qos(_IMU_DEPTH, best_effort), qos_overriding_options=overriding
         )
-        self.create_subscription(
-            NavSatFix, "gnss/fix", self._on_fix, _qos(10, best_effort), qos_overriding_options=overriding
-        )
+        for aid in self._navigator.position_aids.values():
+            kind, callback = runtime.message_class(aid.MESSAGE_TYPES[0]), partial(self._navigator.add, aid.topic)
+            self.create_subscription(
+                kind, aid.topic, callback, _qos(10, best_effort), qos_overriding_options=overriding
+            )
         inside = _qos(100, reliable)
         self._solution = self.create_publisher(Float64MultiArray, "ins/solution", inside)
         self._called = self.create_publisher(Header, "ins/called", inside)
@@ -125,9 +129,6 @@ class InsNode(Node):
             message.header.stamp = self.get_clock().now().to_msg()
         self._bias.publish(message)
 
-    def _on_fix(self, message: NavSatFix) -> None:
-        inputs.feed_fix(self._navigator, message)
-
     def _on_align(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         response.success = True
         response.message = self._navigator.align()
@@ -159,9 +160,11 @@ class InsNode(Node):
         return response
 
     def _on_calibration(self, message: Float64MultiArray) -> None:
-        found = read_calibration([dim.label for dim in message.layout.dim], message.data, self._configuration)
+        found = read_calibration(
+            [dim.label for dim in message.layout.dim], message.data, self._configuration, calibration_names()
+        )
         if found is not None:
-            self._navigator.log_calibration = found
+            self._navigator.calibration = found
 
     def _answer(self, service: str, response: Trigger.Response, success: bool, text: str) -> Trigger.Response:
         response.success, response.message = success, text

@@ -19,9 +19,9 @@ from ins_nav.errors import for_people
 from ins_nav.event_log import EventLog
 from ins_nav.mechanization.imu_stream import ImuStream
 from ins_nav.messages.diagnostics import SILENCE, silence
-from ins_nav.messages.stamps import stamp_of
 from ins_nav.nodes import parameters, runtime
 from ins_nav.nodes.reporting import Reporter
+from ins_nav.stamps import stamp_of
 from ins_nav.stop_detection.detector import Change, StopDetector, StopLimits
 from ins_nav.stop_detection.service_schedule import ServiceSchedule
 

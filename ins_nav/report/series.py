@@ -14,8 +14,8 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from ins_nav.errors import InsNavError
 from ins_nav.mechanization import earth
-from ins_nav.messages.stamps import stamp_of
 from ins_nav.recordings.bags import BagReader, DamagedBagError
+from ins_nav.stamps import stamp_of
 
 Array = NDArray[np.float64]
 Stamps = NDArray[np.int64]

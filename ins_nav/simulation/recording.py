@@ -1,7 +1,6 @@
 """A simulation as a rosbag2, with the topics of a live system and the truth beside them."""
 
 import heapq
-import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from ins_nav.mechanization import earth
 from ins_nav.recordings.bags import BagWriter, header, message, typestore
+from ins_nav.simulation import messages
 from ins_nav.simulation.aids import GaugeReadings, RangeReadings, SimulatedAids
 from ins_nav.simulation.motion import Array
 from ins_nav.simulation.scenarios import Simulation
@@ -24,9 +24,6 @@ _PRESSURE = "sensor_msgs/msg/FluidPressure"
 _RANGE = "sensor_msgs/msg/Range"
 _FIX = "sensor_msgs/msg/NavSatFix"
 _ODOMETRY = "nav_msgs/msg/Odometry"
-_DIAGONAL_KNOWN = 2
-_UNKNOWN = 1e9
-"""Variance of what a message has room for and the sensor does not measure."""
 _CHUNK = 10_000
 
 Stream = Iterator[tuple[int, Any]]
@@ -157,11 +154,9 @@ def _fixes(
     height: Array,
     stddev: tuple[float, float, float],
 ) -> Stream:
-    covariance = np.diag(np.square(stddev)).ravel()
-    status = message("sensor_msgs/msg/NavSatStatus", service=1)
-    make = typestore().types[_FIX]
+    covariance = np.diag(np.square(stddev)).ravel().tolist()
     for stamp, lat_deg, lon_deg, h in _rows(stamps_ns, np.degrees(lat), np.degrees(lon), height):
-        yield stamp, make(header(stamp, frame_id), status, lat_deg, lon_deg, h, covariance, _DIAGONAL_KNOWN)
+        yield stamp, messages.nav_sat_fix(stamp, 0, lat_deg, lon_deg, h, covariance, frame_id)
 
 
 def _aids(aids: SimulatedAids) -> Iterator[Topic]:
@@ -184,42 +179,22 @@ def _aids(aids: SimulatedAids) -> Iterator[Topic]:
 def _twists(frame_id: str, stamps_ns: NDArray[np.int64], velocity: Array, stddev: Array) -> Stream:
     """Velocities; the angular part is not measured."""
     for stamp, v, sigma in _rows(stamps_ns, velocity, stddev):
-        msg = message(_TWIST, header=header(stamp, frame_id))
-        msg.twist.twist.linear = _vector(v)
-        msg.twist.covariance = np.diag([sigma**2] * 3 + [_UNKNOWN] * 3).ravel()
-        yield stamp, msg
+        yield stamp, messages.twist(stamp, v, (sigma**2 * np.eye(3)).ravel().tolist(), frame_id)
 
 
 def _depths(depth: GaugeReadings) -> Stream:
-    covariance = np.diag([_UNKNOWN, _UNKNOWN, depth.stddev**2] + [_UNKNOWN] * 3).ravel()
     for stamp, value in _rows(depth.stamps_ns, depth.value):
-        msg = message(_POSE, header=header(stamp, "water_surface"))
-        msg.pose.pose.position.z = -value
-        msg.pose.pose.orientation.w = 1.0
-        msg.pose.covariance = covariance
-        yield stamp, msg
+        yield stamp, messages.depth_pose(stamp, value, depth.stddev**2)
 
 
 def _pressures(pressure: GaugeReadings) -> Stream:
-    make, variance = typestore().types[_PRESSURE], pressure.stddev**2
     for stamp, value in _rows(pressure.stamps_ns, pressure.value):
-        yield stamp, make(header(stamp, "pressure_link"), value, variance)
+        yield stamp, messages.fluid_pressure(stamp, value, pressure.stddev**2)
 
 
 def _ranges(ranges: RangeReadings) -> Stream:
     for stamp, distance in _rows(ranges.stamps_ns, ranges.distance):
-        yield (
-            stamp,
-            message(
-                _RANGE,
-                header=header(stamp, "range_link"),
-                radiation_type=0,  # ULTRASOUND
-                field_of_view=2.0 * math.pi,
-                max_range=ranges.limit,
-                range=distance,
-                variance=ranges.stddev**2,
-            ),
-        )
+        yield stamp, messages.acoustic_range(stamp, distance, ranges.stddev**2, (0.0, ranges.limit))
 
 
 def _rows(*arrays: NDArray[Any]) -> Iterator[Any]:

@@ -11,10 +11,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from ins_nav.cli.process import main
-from ins_nav.messages.stamps import stamp_of
 from ins_nav.recordings.bags import BagReader, BagWriter, message
 from ins_nav.simulation.recording import write_bag
 from ins_nav.simulation.scenarios import simulate
+from ins_nav.stamps import stamp_of
 
 POSITION = ("--param", "initial.latitude_deg:=60", "--param", "initial.longitude_deg:=30", "--param")
 ALONE = ("--nodes", "ins_node")

@@ -6,25 +6,28 @@ from pathlib import Path
 import pytest
 
 from ins_nav.aiding.parameters import configuration
+from ins_nav.aiding.registry import calibration_names
+from ins_nav.aiding.velocity_log import LogParameters, VelocityLog
 from ins_nav.cli.process import main as process
 from ins_nav.config.parameters import Value, read_file
-from ins_nav.config.state_file import Pose, StateFileError, load, log_calibration, read_calibration, save
+from ins_nav.config.state_file import Pose, StateFileError, load, read_calibration, save
 from ins_nav.navigator.realtime import Phase, RealtimeNavigator
 from ins_nav.simulation.recording import write_bag
 from ins_nav.simulation.scenarios import Simulation, simulate
 
+LOG, NAMES = VelocityLog(LogParameters()), calibration_names()
 POSE = Pose(55.7, 37.6, 150.5, 123.4, 2.5, 1_700_000_000.25)
 BIASES: dict[str, Value] = {"imu.gyro_bias_deg_per_hour": [0.1, -0.2, 0.3], "imu.accel_bias_mg": [0.01, 0.02, -0.03]}
 
 
 def test_what_is_saved_is_loaded(tmp_path: Path) -> None:
     path = tmp_path / "state.yaml"
-    log = log_calibration([(0.01, 1e-4), (0.002, 1e-3), (-0.003, 2e-3), (0.2, 0.1)])
+    log = LOG.calibration([(0.01, 1e-4), (0.002, 1e-3), (-0.003, 2e-3), (0.2, 0.1)])
     assert log["log.yaw_deg"] == pytest.approx(math.degrees(-0.003))
     assert log["log.misalignment_stddev_deg"] == pytest.approx(math.degrees(2e-3))
     for parameters in (BIASES, BIASES | log):
         save(path, parameters, POSE)
-        assert load(path, configuration()) == (parameters, POSE)
+        assert load(path, configuration(), NAMES) == (parameters, POSE)
         assert list(tmp_path.iterdir()) == [path]
     # a parameter file as any other
     assert read_file(path)["imu.gyro_bias_deg_per_hour"] == [0.1, -0.2, 0.3]
@@ -65,22 +68,23 @@ def test_damaged(tmp_path: Path, old: str, new: str, text: str) -> None:
         content = content.replace(old, new)
     path.write_text(content)
     with pytest.raises(StateFileError) as caught:
-        load(path, configuration())
+        load(path, configuration(), NAMES)
     assert str(caught.value).startswith(f"state_file {path}: ") and text in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
 def test_absent(tmp_path: Path) -> None:
     with pytest.raises(StateFileError, match="No such file"):
-        load(tmp_path / "state.yaml", configuration())
+        load(tmp_path / "state.yaml", configuration(), NAMES)
 
 
 def test_calibration_in_a_message() -> None:
-    log = log_calibration([(0.01, 1e-4), (0.002, 1e-3), (-0.003, 2e-3)])
-    assert read_calibration(list(log), list(log.values()), configuration()) == log  # type: ignore[arg-type]
-    assert read_calibration(list(log)[:-1], [0.0] * 4, configuration()) is None
-    assert read_calibration(list(log), [7.0] * 5, configuration()) is None  # out of range
-    assert log_calibration([]) == {}
+    log = LOG.calibration([(0.01, 1e-4), (0.002, 1e-3), (-0.003, 2e-3)])
+    assert read_calibration(list(log), list(log.values()), configuration(), NAMES) == log  # type: ignore[arg-type]
+    assert read_calibration(list(log)[:-1], [0.0] * 5, configuration(), NAMES) is None
+    assert read_calibration(["log.delay"], [0.0], configuration(), NAMES) is None  # not a calibration
+    assert read_calibration(list(log), [7.0] * 5, configuration(), NAMES) is None  # out of range
+    assert read_calibration([], [], configuration(), NAMES) is None
 
 
 def _stands() -> Simulation:
@@ -110,7 +114,7 @@ def test_a_start_takes_up_what_was_saved(tmp_path: Path) -> None:
         f"state_file {path} is not there yet: ins_node/save writes it"
     )
     first.gyro_bias = (1e-6, 0.0, 0.0)
-    first.log_calibration = log_calibration([(0.01, 1e-4), (0.0, 1e-3), (0.0, 1e-3)])
+    first.calibration = LOG.calibration([(0.01, 1e-4), (0.0, 1e-3), (0.0, 1e-3)])
     done, text = first.save()
     assert done and text == (
         "imu.gyro_bias_deg_per_hour, imu.accel_bias_mg, log.scale, log.scale_stddev, log.pitch_deg, log.yaw_deg, "
@@ -118,7 +122,7 @@ def test_a_start_takes_up_what_was_saved(tmp_path: Path) -> None:
     )
     second = _fed(simulation, state_file=str(path))
     assert second.gyro_bias[0] == pytest.approx(1e-6) and second.configuration.values["log.scale"] == 0.01
-    assert second.log_calibration == first.log_calibration  # to be saved again
+    assert second.calibration == first.calibration  # to be saved again
     # nobody said where it is: where it was
     assert second.phase is Phase.NAVIGATING and second.covariance is not None
     assert 10.0 <= math.sqrt(second.covariance[0, 0]) < 10.5
@@ -150,5 +154,5 @@ def test_ins_process_saves(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
     assert "ins_process: --save: where to? Add --param state_file:=FILE" in capsys.readouterr().err
     path = tmp_path / "state.yaml"
     assert process([*arguments, *short, "--overwrite", "--param", f"state_file:={path}"]) == 0
-    kept, pose = load(path, configuration())
+    kept, pose = load(path, configuration(), NAMES)
     assert set(kept) == {"imu.gyro_bias_deg_per_hour", "imu.accel_bias_mg"} and pose.latitude_deg > 0.0

@@ -11,7 +11,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 from test_error_model import difference
 
-from ins_nav.aiding.measurements import GnssPosition, Log
+from ins_nav.aiding.base import NO_STATES, Observation, OwnStates
+from ins_nav.aiding.gnss import Gnss, GnssParameters
+from ins_nav.aiding.velocity_log import LogParameters, VelocityLog
 from ins_nav.estimation.error_filter import ErrorFilter
 from ins_nav.estimation.error_model import Array, ErrorModel, SlowState
 from ins_nav.estimation.innovation_gate import AGREEING, PATIENCE
@@ -118,7 +120,8 @@ class Run:
         lat, lon = self.path.lat[i], self.path.lon[i]
         fix = (lat + north / 6.371e6, lon + east / (6.38e6 * math.cos(lat)), self.path.height[i])
         solution = self.filter.solution(self.state, tuple(self.previous[1:4]), self.bias[0])
-        measurement = GnssPosition(horizontal=True).measure(solution, *fix, stddev**2 * np.eye(3))
+        seen = Observation(0, "gnss", (*fix[:2], math.nan), stddev**2 * np.eye(3))
+        measurement = Gnss(GnssParameters()).measure(solution, NO_STATES, seen)
         update = self.filter.update("gnss", second * 10**9, measurement)
         self.feed_back()
         return update
@@ -226,7 +229,7 @@ def test_consistent_with_all_states() -> None:
             gyro_bias=SlowState(5.0 * DEG_PER_HOUR),
             accel_bias=SlowState(0.01),
         )
-        log = Log(scale=SlowState(0.02), pitch=SlowState(0.02), yaw=SlowState(0.02))
+        log = VelocityLog(LogParameters(scale_stddev=0.02, misalignment_stddev=0.02))
         run = Run(
             drive(),
             model,
@@ -247,7 +250,8 @@ def test_consistent_with_all_states() -> None:
             reads = np.array([(1 + scale) * x - a_z * y + a_y * z, (1 + scale) * y + a_z * x, math.nan])
             reads[:2] += 0.05 * rng.standard_normal(2)
             solution = run.filter.solution(run.state, tuple(run.previous[1:4]), run.bias[0])
-            measurement = log.measure(solution, run.filter.own("log"), tuple(reads), 0.0025 * np.eye(3))
+            own = OwnStates(run.filter.own("log"), run.filter.own_covariance("log"))
+            measurement = log.measure(solution, own, Observation(0, "log", tuple(reads), 0.0025 * np.eye(3)))
             assert measurement is not None
             run.filter.update("log", second * 10**9, measurement)
             run.feed_back()
@@ -269,7 +273,8 @@ def test_height_without_vertical_channel() -> None:
         run.advance(second)
         lat, lon, height = run.path.lat[second * 100], run.path.lon[second * 100], run.path.height[second * 100]
         solution = run.filter.solution(run.state, ZERO, ZERO)
-        measurement = GnssPosition().measure(solution, lat, lon, height + 30.0, np.eye(3))
+        seen = Observation(0, "gnss", (lat, lon, height + 30.0), np.eye(3))
+        measurement = Gnss(GnssParameters()).measure(solution, NO_STATES, seen)
         run.filter.update("gnss", second * 10**9, measurement, gate=1e-300)
         run.feed_back()
         assert run.state[6] == 0.0

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from ins_nav.mechanization.attitude import heading_from_yaw, to_euler
-from ins_nav.messages.stamps import NS, stamp_of
 from ins_nav.recordings.bags import BagReader
+from ins_nav.stamps import NS, stamp_of
 
 Digest = dict[str, dict[str, tuple[str, ...]]]
 """Section -> row -> values; where a section is a table, its first row has the names of the columns."""

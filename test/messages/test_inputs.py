@@ -13,11 +13,11 @@ from ins_nav.cli.process import main
 from ins_nav.estimation.error_model import azimuth
 from ins_nav.mechanization import nav_state
 from ins_nav.messages.solution import SolutionMessages
-from ins_nav.messages.stamps import stamp_of
 from ins_nav.navigator.realtime import RealtimeNavigator
 from ins_nav.recordings.bags import BagReader, message
 from ins_nav.simulation.recording import write_bag
 from ins_nav.simulation.scenarios import simulate
+from ins_nav.stamps import stamp_of
 
 
 @pytest.fixture(scope="module")

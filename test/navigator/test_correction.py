@@ -5,6 +5,7 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+import aid_messages
 import numpy as np
 import pytest
 from aided_harness import NS, PLACE, SHORT, Fed, aid_events, drive, feedback_nees, imu_events, same_feedback, standing
@@ -206,7 +207,7 @@ def _restarted(
         ins.add_imu(*values)
         if time >= at:
             if stamp in fixes:
-                aided.add_fix(*fixes[stamp])
+                aid_messages.add(aided, "fix", *fixes[stamp])
             aided.add_imu(*values)
             feedback += aided.drain()
         solution = ins.solution()
@@ -254,7 +255,7 @@ def test_adopting_at_rest_goes_on_with_the_stop() -> None:
                 covariance = feedback.covariance + wrong
                 assert fed.aided.adopt(feedback._replace(state=state, covariance=covariance), aligned_ns)
             if at == s.start_ns + 40 * NS + NS // 2:
-                fed.aided.add_gnss_velocity(at, (0.0, 0.0, 0.0), tuple((1e-4 * np.eye(3)).ravel().tolist()))
+                aid_messages.add(fed.aided, "velocity", at, (0.0, 0.0, 0.0), tuple((1e-4 * np.eye(3)).ravel().tolist()))
     record = fed.aided.records["zero velocity"]
     assert record.accepted > 10 and record.rejected == 0
 

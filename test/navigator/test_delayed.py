@@ -4,6 +4,7 @@ import functools
 import math
 from typing import Any
 
+import aid_messages
 import numpy as np
 import pytest
 from aided_harness import (
@@ -275,7 +276,7 @@ def test_what_comes_too_late_is_left_out_and_told() -> None:
     # one a second after alignment, but the last two have not come yet
     assert fed.counts == {"gnss late": pytest.approx(88, abs=2)}
     assert "gnss" not in fed.aided.records
-    assert any("gnss/fix: 2.60 s behind imu/data_raw, left out: raise aiding.max_delay" in text for text in fed.said), (
+    assert any("gnss/fix: 2.60 s behind imu/data_raw, rejected: raise aiding.max_delay" in text for text in fed.said), (
         fed.said
     )
     patient = Fed({**SHORT, **PLACE, "aiding.max_delay": 3.0}).feed(imu_events(s), aid_events(s, delay=2.6))
@@ -288,7 +289,7 @@ def test_stamps_of_another_clock_are_told() -> None:
     fed = Fed({**SHORT, **PLACE}).feed(imu_events(s), ahead)
     assert fed.counts["gnss ahead"] >= 80 and "gnss" not in fed.aided.records
     assert any(
-        "gnss/fix: 10.0 s ahead of imu/data_raw, left out: both must be stamped by one clock" in t for t in fed.said
+        "gnss/fix: 10.0 s ahead of imu/data_raw, rejected: both must be stamped by one clock" in t for t in fed.said
     )
 
 
@@ -337,8 +338,8 @@ def test_messages_without_value() -> None:
     fed = Fed({**SHORT, **PLACE}).feed(imu_events(s), aid_events(s), bad)
     assert same_feedback(fed.feedback, Fed({**SHORT, **PLACE}).feed(imu_events(s), aid_events(s)).feedback)
     assert set(fed.counts) == {
-        "no fix",
-        "invalid fixes",
+        "gnss no fix",
+        "gnss invalid",
         "gnss_velocity unusable",
         "log unusable",
         "depth unusable",
@@ -466,16 +467,13 @@ def test_nothing_that_comes_makes_it_fail(
                 ins.add_imu(now, *_level()[k])
         elif kind == "good":
             for navigator in (aided, ins):
-                navigator.add_fix(now + values[0] * 1_000_000, 0, 55.7, 37.6, 150.0, (1.0, 0, 0, 0, 1.0, 0, 0, 0, 1.0))
+                at = now + values[0] * 1_000_000
+                aid_messages.add(navigator, "fix", at, 0, 55.7, 37.6, 150.0, (1.0, 0, 0, 0, 1.0, 0, 0, 0, 1.0))
         elif kind == "fix":
             for navigator in (aided, ins):
-                navigator.add_fix(now + values[0], *values[1:])
-        elif kind == "velocity":
-            aided.add_gnss_velocity(now + values[0], *values[1:])
-        elif kind == "log":
-            aided.add_log(now + values[0], *values[1:])
-        elif kind == "depth":
-            aided.add_depth(now + values[0], *values[1:])
+                aid_messages.add(navigator, kind, now + values[0], *values[1:])
+        elif kind in ("velocity", "log", "depth"):
+            aid_messages.add(aided, kind, now + values[0], *values[1:])
         elif kind == "bad imu":
             for navigator in (aided, ins):
                 navigator.add_imu(now + values[0], values[1], 0.0, 0.0, 0.0, 0.0, 9.8)

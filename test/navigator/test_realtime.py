@@ -5,6 +5,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+import aid_messages
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -107,18 +108,18 @@ def test_position_from_the_first_valid_fix() -> None:
     fed = Fed(**HEADING)
     n = fed.navigator
     fed.feed(_messages("static")[:100])
-    n.add_fix(1, -1, 10.0, 10.0, 10.0)
-    n.add_fix(2, 0, math.nan, 10.0, 10.0)
-    n.add_fix(3, 0, 95.0, 10.0, 10.0)
-    n.add_fix(4, 0, 10.0, math.inf, 10.0)
+    aid_messages.add(n, "fix", 1, -1, 10.0, 10.0, 10.0)
+    aid_messages.add(n, "fix", 2, 0, math.nan, 10.0, 10.0)
+    aid_messages.add(n, "fix", 3, 0, 95.0, 10.0, 10.0)
+    aid_messages.add(n, "fix", 4, 0, 10.0, math.inf, 10.0)
     fed.feed(_messages("static")[100:300])
     assert n.state is None and n.phase is Phase.COARSE
-    assert fed.counts == {"no fix": 1, "invalid fixes": 3, "waiting for position": 100}
+    assert fed.counts == {"gnss no fix": 1, "gnss invalid": 3, "waiting for position": 100}
     assert "gnss/fix: no fix (status < 0)" in fed.said
     assert any("gnss/fix: position (nan, 10.0, " in x for x in fed.said)
     (waiting,) = [line for line in fed.said if "no position" in line]
     assert "publish gnss/fix or set initial.latitude_deg" in waiting
-    n.add_fix(5, 0, 55.7, 37.6, 150.0)
+    aid_messages.add(n, "fix", 5, 0, 55.7, 37.6, 150.0)
     fed.feed(_messages("static")[300:310])
     assert fed.solutions == 10
     assert math.degrees(fed.geodetic().lat) == pytest.approx(55.7, abs=1e-6)
@@ -127,7 +128,7 @@ def test_position_from_the_first_valid_fix() -> None:
 
 def test_fix_without_height() -> None:
     fed = Fed(**HEADING)
-    fed.navigator.add_fix(5, 0, 55.7, 37.6, math.nan)
+    aid_messages.add(fed.navigator, "fix", 5, 0, 55.7, 37.6, math.nan)
     fed.feed(_messages("static"))
     assert fed.geodetic().height == 0.0
     assert fed.counts == {"no height": 1}
@@ -140,7 +141,7 @@ ARM = (1.5, -0.5, 2.0)
 def _with_antenna(**parameters: Any) -> tuple[Fed, np.ndarray]:
     """Stands at a heading of 30°, an antenna off the IMU; and what is found less the antenna's place, n, m."""
     fed = Fed(**HEADING, **{"gnss.lever_arm": list(ARM)}, **parameters)
-    fed.navigator.add_fix(5, 0, 55.7, 37.6, 150.0, tuple((0.04 * np.eye(3)).ravel().tolist()))
+    aid_messages.add(fed.navigator, "fix", 5, 0, 55.7, 37.6, 150.0, tuple((0.04 * np.eye(3)).ravel().tolist()))
     fed.feed(_messages("static")[:300])
     place = earth.geodetic_to_ecef(math.radians(55.7), math.radians(37.6), 150.0)
     where = fed.geodetic()
@@ -202,7 +203,7 @@ def test_solution_for_a_filter_that_begins_later() -> None:
 
 def test_position_parameters_go_before_fixes() -> None:
     fed = Fed(**HERE, **HEADING)
-    fed.navigator.add_fix(5, 0, 10.0, 10.0, 10.0)
+    aid_messages.add(fed.navigator, "fix", 5, 0, 10.0, 10.0, 10.0)
     fed.feed(_messages("static"))
     assert math.degrees(fed.geodetic().lat) == pytest.approx(55.7, abs=1e-6)
 
@@ -217,7 +218,7 @@ def test_waiting_for_a_position_for_long() -> None:
     assert n.state is None and n.progress == 1.0
     assert len(n._alignment.cone._blocks) < 240
     assert len(n._alignment.cone._samples) <= 60 * 50 + 1  # noise is judged by a minute
-    n.add_fix(0, 0, 55.7, 37.6, 150.0)
+    aid_messages.add(n, "fix", 0, 0, 55.7, 37.6, 150.0)
     assert n.add_imu(int(s.stamps_ns[-1]), *values[-1])
     heading = attitude.heading_from_yaw(attitude.to_euler(n.state[0:4])[2])  # type: ignore[index]
     assert math.degrees(heading) == pytest.approx(30.0, abs=0.5)  # bias of 0.01 deg/h and noise: 0.1° each
@@ -252,9 +253,9 @@ def test_moving_off_while_aligning_is_told_and_alignment_begins_again() -> None:
 def test_fix_used_is_not_older_than_the_alignment() -> None:
     """A vehicle that gets a fix, drives off before it is aligned, and aligns elsewhere."""
     fed = Fed(**HEADING)
-    fed.navigator.add_fix(1, 0, 55.6, 37.5, 150.0)
+    aid_messages.add(fed.navigator, "fix", 1, 0, 55.6, 37.5, 150.0)
     fed.navigator.align()
-    fed.navigator.add_fix(2, 0, 55.7, 37.6, 150.0)
+    aid_messages.add(fed.navigator, "fix", 2, 0, 55.7, 37.6, 150.0)
     fed.feed(_messages("static"))
     assert math.degrees(fed.geodetic().lat) == pytest.approx(55.7, abs=1e-6)
 
@@ -469,15 +470,15 @@ def test_any_input(
         stamp += step
         fed.feed([(stamp, values or messages[0][1])])
         if fix is not None:
-            n.add_fix(stamp, *fix)
+            aid_messages.add(n, "fix", stamp, *fix)
         if n.state is not None:
             assert all(math.isfinite(x) for x in n.state)
         assert all(math.isfinite(x) for x in (*n.angular_velocity, *n.specific_force, n.progress))
-    n.add_fix(stamp, 0, 55.7, 37.6, 150.0)
+    aid_messages.add(n, "fix", stamp, 0, 55.7, 37.6, 150.0)
     # a later day: a gap beyond the limit from wherever the stamps have gone
     fed.feed(messages[:100], shift_ns=max(stamp, messages[0][0]) - messages[0][0] + 86_400_000_000_000)
     assert n.phase in (Phase.COARSE, Phase.NAVIGATING)
-    n.add_fix(stamp, 0, 55.7, 37.6, 150.0)
+    aid_messages.add(n, "fix", stamp, 0, 55.7, 37.6, 150.0)
     fed.feed(messages[100:260], shift_ns=max(stamp, messages[0][0]) - messages[0][0] + 86_400_000_000_000)
     assert n.phase is Phase.NAVIGATING
     assert all(math.isfinite(x) for x in n.state)  # type: ignore[union-attr]

@@ -4,11 +4,12 @@ import functools
 import math
 import random
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import aid_messages
 import numpy as np
 import pytest
 
@@ -88,18 +89,12 @@ class Fed:
 
     def feed(self, events: list[Event]) -> "Fed":
         aided, ins = self.aided, self.ins
-        feeds: dict[str, Callable[..., object]] = {
-            "imu": aided.add_imu,
-            "fix": aided.add_fix,
-            "log": aided.add_log,
-            "depth": aided.add_depth,
-            "pressure": aided.add_pressure,
-            "range": aided.add_range,
-            "beacon": aided.add_beacon_fix,
-        }
         due_ns = 0
         for _, kind, arguments in events:
-            feeds[kind](*arguments)
+            if kind == "imu":
+                aided.add_imu(*arguments)
+            else:
+                aid_messages.add(aided, kind, *arguments)
             new = aided.drain()
             self.feedback += new
             if self.follow:
@@ -108,7 +103,7 @@ class Fed:
                 if kind == "imu":
                     ins.add_imu(*arguments)
                 elif kind == "fix":
-                    ins.add_fix(*arguments)
+                    aid_messages.add(ins, kind, *arguments)
             if aided.filter is not None and aided.settled_ns >= due_ns:
                 due_ns = aided.settled_ns + NS
                 self.rows.append(self._row())

@@ -13,10 +13,10 @@ from scipy.spatial.transform import Rotation
 from ins_nav.aiding.parameters import configuration
 from ins_nav.cli.process import main as process
 from ins_nav.config.state_file import load
-from ins_nav.messages.stamps import stamp_of
 from ins_nav.recordings.bags import BagReader, BagWriter
 from ins_nav.simulation.recording import write_bag
 from ins_nav.simulation.scenarios import simulate
+from ins_nav.stamps import stamp_of
 
 pytestmark = needs_ros
 

@@ -9,10 +9,10 @@ from ros_harness import Listener, Process, Ros, needs_ros
 from scipy.spatial.transform import Rotation
 
 from ins_nav.cli.process import main as process
-from ins_nav.messages.stamps import stamp_of
 from ins_nav.recordings.bags import BagReader, BagWriter, RawMessage, typestore
 from ins_nav.simulation.recording import write_bag
 from ins_nav.simulation.scenarios import simulate
+from ins_nav.stamps import stamp_of
 
 pytestmark = needs_ros
 

@@ -9,8 +9,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 from simulation_harness import NS, ORIGIN, close, measure, path, seconds_of, swimmer
 
-from ins_nav.aiding import measurements
-from ins_nav.estimation.error_model import SlowState
+from ins_nav.aiding.acoustic_range import AcousticRange, RangeParameters
+from ins_nav.aiding.base import Aid, Observation, OwnStates
+from ins_nav.aiding.beacon import Beacon
+from ins_nav.aiding.depth import Depth, DepthParameters
+from ins_nav.aiding.gnss_velocity import GnssVelocity, GnssVelocityParameters
+from ins_nav.aiding.velocity_log import LogParameters, VelocityLog
 from ins_nav.estimation.observation import Solution
 from ins_nav.mechanization import earth, nav_state
 from ins_nav.simulation.aids import SimulatedAids
@@ -71,7 +75,7 @@ def test_log_scale_and_misalignment() -> None:
     true = measure().log.velocity
     log = measure(**{"log.scale": 0.01, "log.misalignment_deg": (1.0, -2.0)}).log
     a_y, a_z = math.radians(1.0), math.radians(-2.0)
-    matrix = np.array([[1.01, -a_z, a_y], [a_z, 1.01, 0.0], [-a_y, 0.0, 1.01]])  # of ins_nav.aiding.measurements.Log
+    matrix = np.array([[1.01, -a_z, a_y], [a_z, 1.01, 0.0], [-a_y, 0.0, 1.01]])  # of ins_nav.aiding.velocity_log
     close(log.velocity, true @ matrix.T, atol=1e-14)
     assert (log.scale, log.misalignment) == (0.01, (a_y, a_z))
     drawn = [
@@ -289,22 +293,25 @@ def test_the_filter_means_the_same() -> None:
     mounted |= {"range.lever_arm": ARM, "range.scale": 0.01, "range.bias": 3.0, "gnss.lever_arm": ARM}
     aids, t = measure(**mounted), path()
     roll, pitch, yaw = map(math.radians, rpy_deg)
-    log = measurements.Log((roll, pitch, yaw), ARM, current=SlowState(1.0))
-    depth, gnss = measurements.Depth(ARM), aids.gnss_velocity
-    ranged, beacon = aids.ranges["vessel"], measurements.BeaconRange(ARM)
-    none = np.zeros((3, 3))
+    log = VelocityLog(LogParameters(lever_arm=ARM, mounting_rpy=(roll, pitch, yaw), water_track=True))
+    depth = Depth(DepthParameters(lever_arm=ARM, surface_height=-15.0))
+    velocity, gnss = GnssVelocity(GnssVelocityParameters(lever_arm=ARM)), aids.gnss_velocity
+    ranged, parameters = aids.ranges["vessel"], RangeParameters(lever_arm=ARM, two_way=True)
     for k in (1, 100, 250):
         at = 4 * k
         state = nav_state.initial_state(t.lat[at], t.lon[at], t.height[at], tuple(t.velocity_n[at]), tuple(t.q_nb[at]))
         solution = Solution(state, tuple(t.rate[at]), (0.0, 0.0, 0.0), True, 0.0)
-        there = earth.geodetic_to_ecef(ranged.beacon.lat[k], ranged.beacon.lon[k], ranged.beacon.height[k])
-        seen = (
-            log.measure(solution, (0.01, *aids.log.misalignment, 0.5, -0.2), tuple(aids.log.velocity[k]), none),
-            depth.measure(solution, aids.depth.value[k], 0.0, -15.0),
-            beacon.measure(solution, (0.01, 3.0), there, ranged.distance[k], 0.0),
-            measurements.GnssVelocity(ARM).measure(solution, tuple(gnss.velocity[k]), none),
+        place = ranged.beacon.lat[k], ranged.beacon.lon[k], ranged.beacon.height[k]
+        seen: tuple[tuple[Aid[Any], tuple[float, ...], Any], ...] = (
+            (log, (0.01, *aids.log.misalignment, 0.5, -0.2), aids.log.velocity[k]),
+            (depth, (), [aids.depth.value[k]]),
+            (AcousticRange(parameters, Beacon(place, 0.0), "vessel"), (0.01, 3.0), [ranged.distance[k]]),
+            (velocity, (), gnss.velocity[k]),
         )
-        for measurement in seen:
+        for aid, own, value in seen:
+            states = OwnStates(np.array(own), np.zeros((len(own), len(own))))
+            observation = Observation(0, aid.name, tuple(value), np.zeros((len(value), len(value))))
+            measurement = aid.measure(solution, states, observation)
             assert measurement is not None
             close(measurement.innovation, 0.0, atol=5e-9)  # a double resolves an Earth radius to 1e-9 m
 

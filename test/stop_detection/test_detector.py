@@ -14,11 +14,11 @@ from ins_nav.config.configuration import Configuration
 from ins_nav.config.sections import ImuSection
 from ins_nav.event_log import EventLog
 from ins_nav.mechanization.imu_stream import ImuStream
-from ins_nav.messages.stamps import stamp_of
 from ins_nav.recordings.bags import BagReader
 from ins_nav.simulation import scenarios
 from ins_nav.simulation.motion import Motion, Route, Signal, sinusoid
 from ins_nav.simulation.scenarios import Simulation, simulate
+from ins_nav.stamps import stamp_of
 from ins_nav.stop_detection.detector import StopDetector, StopLimits
 
 

@@ -3,13 +3,20 @@
 import functools
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from ins_nav.aiding.measurements import BeaconRange, Depth, GnssPosition, GnssVelocity, Log
-from ins_nav.estimation.error_model import Array, ErrorModel, SlowState, Vector
+from ins_nav.aiding.acoustic_range import AcousticRange, RangeParameters
+from ins_nav.aiding.base import Aid, Observation, OwnStates
+from ins_nav.aiding.beacon import Beacon
+from ins_nav.aiding.depth import Depth, DepthParameters
+from ins_nav.aiding.gnss import Gnss, GnssParameters
+from ins_nav.aiding.gnss_velocity import GnssVelocity, GnssVelocityParameters
+from ins_nav.aiding.velocity_log import LogParameters, VelocityLog
+from ins_nav.estimation.error_model import Array, ErrorModel, Vector
 from ins_nav.estimation.observation import Measurement, Solution
 from ins_nav.estimation.state_layout import COSINE, GYRO_BIAS, HEADING, POSITION, SIZE
 from ins_nav.mechanization import earth, nav_state
@@ -25,26 +32,49 @@ RPY = (0.1, -0.2, 0.7)
 COVARIANCE = np.diag([1.0, 4.0, 9.0])
 MODEL = ErrorModel(vertical=True, gyro_noise=0.0, accel_noise=0.0)
 LAT, LON = 0.97, 0.6
-BEACON = tuple(earth.geodetic_to_ecef(LAT + 3e-5, LON - 2e-5, -80.0))
+BEACON = (LAT + 3e-5, LON - 2e-5, -80.0)
 
-Aid = Callable[[Solution, Array], Measurement | None]
+Measure = Callable[[Solution, Array], Measurement | None]
 """Measurement of a solution with own states in use."""
 
 
-def measuring() -> dict[str, tuple[Aid, int]]:
+def of(aid: Aid[Any], *value: float, covariance: Array = COVARIANCE) -> Measure:
+    """The measurement of an aid that reads a value; of one number the variance is the first."""
+    size = len(value)
+
+    def measure(solution: Solution, own: Array) -> Measurement | None:
+        states = OwnStates(np.asarray(own), np.zeros((len(own), len(own))))
+        return aid.measure(solution, states, Observation(0, aid.name, value, covariance[:size, :size]))
+
+    return measure
+
+
+def measuring_fix(arm: Vector) -> Gnss:
+    return Gnss(GnssParameters(lever_arm=arm))
+
+
+def a_range(beacon: tuple[float, float, float] = BEACON, arm: Vector = ARM) -> AcousticRange:
+    return AcousticRange(RangeParameters(lever_arm=arm, two_way=True), Beacon(beacon, 0.0), "a")
+
+
+def a_log(arm: Vector = ARM, **parameters: Any) -> VelocityLog:
+    return VelocityLog(LogParameters(lever_arm=arm, **parameters))
+
+
+def measuring() -> dict[str, tuple[Measure, int]]:
     """Every aid with a value it may read, and how many states of its own it has."""
-    position, velocity, depth = GnssPosition(ARM), GnssVelocity(ARM), Depth(ARM)
-    log, beacon = Log(RPY, ARM), BeaconRange(ARM, SlowState(1e-3), SlowState(1.0))
-    through_water, wandering = (Log(RPY, ARM, current=SlowState(0.3), slow=slow) for slow in (None, SlowState(0.1)))
+    position, slow = (Gnss(GnssParameters(lever_arm=ARM, slow_stddev=sigma)) for sigma in (0.0, 1.0))
+    fix, reading = (LAT + 1e-6, LON - 1e-6, 31.0), (8.0, 1.0, 0.5)
     return {
-        "gnss position": (lambda s, own: position.measure(s, LAT + 1e-6, LON - 1e-6, 31.0, COVARIANCE), 0),
-        "gnss velocity": (lambda s, own: velocity.measure(s, (4.0, 7.0, 0.3), COVARIANCE), 0),
-        "depth": (lambda s, own: depth.measure(s, -15.0, 0.1, 12.0 + own[0]), 1),
-        "log": (lambda s, own: log.measure(s, own, (8.0, 1.0, 0.5), COVARIANCE), 3),
-        "log, one axis": (lambda s, own: log.measure(s, own, (8.0, math.nan, math.nan), COVARIANCE), 3),
-        "log through water": (lambda s, own: through_water.measure(s, own, (8.0, 1.0, 0.5), COVARIANCE), 5),
-        "log that wanders": (lambda s, own: wandering.measure(s, own, (8.0, 1.0, 0.5), COVARIANCE), 8),
-        "range": (lambda s, own: beacon.measure(s, own, BEACON, 250.0, 1.0), 2),
+        "gnss position": (of(position, *fix), 0),
+        "gnss position that wanders": (of(slow, *fix), 3),
+        "gnss velocity": (of(GnssVelocity(GnssVelocityParameters(lever_arm=ARM)), 4.0, 7.0, 0.3), 0),
+        "depth": (of(Depth(DepthParameters(lever_arm=ARM, surface_height=12.0, surface_stddev=1.0)), -15.0), 1),
+        "log": (of(a_log(mounting_rpy=RPY), *reading), 3),
+        "log, one axis": (of(a_log(mounting_rpy=RPY), 8.0, math.nan, math.nan), 3),
+        "log through water": (of(a_log(mounting_rpy=RPY, water_track=True), *reading), 5),
+        "log that wanders": (of(a_log(mounting_rpy=RPY, water_track=True, slow_stddev=0.1), *reading), 8),
+        "range": (of(a_range(), 250.0), 2),
         "zero velocity": (lambda s, own: ZeroVelocity().measure(s, 0.01), 0),
     }
 
@@ -67,7 +97,7 @@ def where_it_measures(name: str) -> nav_state.NavState:
     return state if name != "zero velocity" else (*state[:4], *ZERO, *state[7:])
 
 
-def seen(aid: Aid, state: nav_state.NavState, gyro_bias: Vector, own: Array) -> Measurement:
+def seen(aid: Measure, state: nav_state.NavState, gyro_bias: Vector, own: Array) -> Measurement:
     rate = tuple((RAW_RATE - gyro_bias).tolist())
     measurement = aid(Solution(state, rate, gyro_bias, True, 0.0), own)
     assert measurement is not None
@@ -175,27 +205,29 @@ def test_truth_has_no_innovation() -> None:
     path = motion.trajectory(100.0)
     fix = GnssReceiver(100.0, 0.0, 0.0, ARM).fixes(path, np.arange(len(path.time)), 0)
     i = round(100 * time)
-    measurement = GnssPosition(ARM).measure(solution, fix.lat[i], fix.lon[i], fix.height[i], COVARIANCE)
+    measurement = of(measuring_fix(ARM), fix.lat[i], fix.lon[i], fix.height[i])(solution, OWN[:0])
     np.testing.assert_allclose(measurement.innovation, 0.0, atol=2e-6)  # arm²/2R
 
     velocity = earth.enu_axes(where.lat, where.lon).T @ point_velocity(time)
-    measurement = GnssVelocity(ARM).measure(solution, tuple(velocity), COVARIANCE)
+    measurement = of(GnssVelocity(GnssVelocityParameters(lever_arm=ARM)), *velocity)(solution, OWN[:0])
     np.testing.assert_allclose(measurement.innovation, 0.0, atol=1e-6)  # of the difference
 
     rot_sb = Rotation.from_euler("ZYX", RPY[::-1]).as_matrix().T
     x, y, z = rot_sb @ rot_eb.T @ point_velocity(time)
     scale, a_y, a_z = OWN[:3]
     reads = ((1 + scale) * x + a_y * z - a_z * y, (1 + scale) * y + a_z * x, (1 + scale) * z - a_y * x)
-    measurement = Log(RPY, ARM).measure(solution, OWN[:3], reads, COVARIANCE)
+    measurement = of(a_log(mounting_rpy=RPY), *reads)(solution, OWN[:3])
     assert measurement is not None
     np.testing.assert_allclose(measurement.innovation, 0.0, atol=1e-6)
 
-    distance = float(np.linalg.norm(point(time) - BEACON))
-    measurement = BeaconRange(ARM).measure(solution, (0.02, -3.0), BEACON, 1.02 * distance - 3.0, 1.0)
+    distance = float(np.linalg.norm(point(time) - earth.geodetic_to_ecef(*BEACON)))
+    measurement = of(a_range(), 1.02 * distance - 3.0)(solution, np.array([0.02, -3.0]))
     assert measurement is not None
     np.testing.assert_allclose(measurement.innovation, 0.0, atol=1e-6)
 
-    measurement = Depth(ARM).measure(solution, 12.0 - fix.height[i], 0.1, 12.0)
+    measurement = of(Depth(DepthParameters(lever_arm=ARM, surface_height=12.0)), 12.0 - fix.height[i])(
+        solution, OWN[:0]
+    )
     np.testing.assert_allclose(measurement.innovation, 0.0, atol=2e-6)
 
 
@@ -235,7 +267,7 @@ def test_covariance_is_turned_to_n() -> None:
 
 def test_velocity_that_is_no_travel_says_nothing_of_heading() -> None:
     solution = Solution(state_at(), ZERO, ZERO, False, 0.5)
-    measurement = GnssVelocity().measure(solution, (4.0, 7.0, 0.3), COVARIANCE)
+    measurement = of(GnssVelocity(GnssVelocityParameters()), 4.0, 7.0, 0.3)(solution, OWN[:0])
     assert (measurement.h[:2, [HEADING, COSINE]] == 0.0).all()
     # what it may have said is noise: half of the velocity squared
     grown = np.trace(measurement.r[:2, :2]) - 5.0
@@ -244,18 +276,20 @@ def test_velocity_that_is_no_travel_says_nothing_of_heading() -> None:
 
 def test_nothing_to_say() -> None:
     solution = Solution(state_at(), ZERO, ZERO, True, 0.0)
-    assert Log().measure(solution, ZERO, (math.nan,) * 3, COVARIANCE) is None
-    here = nav_state.position_ecef(solution.state)
-    assert BeaconRange().measure(solution, (0.0, 0.0), here, 1.0, 1.0) is None
+    assert of(a_log(ZERO), *(math.nan,) * 3)(solution, np.zeros(3)) is None
+    where = nav_state.geodetic(solution.state)
+    at_the_beacon = a_range((where.lat, where.lon, where.height), ZERO)
+    measurement = of(at_the_beacon, 1.0)(solution, np.zeros(2))
+    assert measurement is None or np.isfinite(measurement.h).all()
 
 
 def test_rows() -> None:
     """Horizontal position alone, and the log's axes that are there with their own covariance."""
     solution = Solution(state_at(), ZERO, ZERO, True, 0.0)
-    flat = GnssPosition(horizontal=True).measure(solution, LAT, LON, math.nan, COVARIANCE)
+    flat = of(measuring_fix(ZERO), LAT, LON, math.nan)(solution, OWN[:0])
     assert flat.innovation.shape == (2,) and flat.h.shape == (2, SIZE) and flat.r.shape == (2, 2)
     assert np.isfinite(flat.innovation).all()
-    log = Log().measure(solution, ZERO, (1.0, math.nan, 2.0), np.arange(9.0).reshape(3, 3))
+    log = of(a_log(ZERO), 1.0, math.nan, 2.0, covariance=np.arange(9.0).reshape(3, 3))(solution, np.zeros(3))
     assert log is not None and log.own is not None
     assert log.innovation.shape == (2,) and log.own.shape == (2, 3)
     np.testing.assert_array_equal(log.r, [[0.0, 2.0], [6.0, 8.0]])
@@ -268,5 +302,5 @@ def test_pole(lat_deg: float) -> None:
     moved = nav_state.corrected(state, (30.0, -40.0, 7.0))
     where = nav_state.geodetic(moved)
     solution = Solution(state, ZERO, ZERO, True, 0.0)
-    measurement = GnssPosition().measure(solution, where.lat, where.lon, where.height, COVARIANCE)
+    measurement = of(measuring_fix(ZERO), where.lat, where.lon, where.height)(solution, OWN[:0])
     np.testing.assert_allclose(measurement.innovation, [-30.0, 40.0, -7.0], atol=1e-3)

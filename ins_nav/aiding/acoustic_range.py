@@ -1,0 +1,366 @@
+"""Ranges to acoustic beacons, and the fixes of beacons that float.
+
+A beacon is moored where its parameters say, or floats: then its place comes on a topic of its own, and place and
+velocity are states of the filter (`ins_nav.aiding.beacon`). A range is measured to where the beacon was when sound left
+it. Where position is hardly known, ranges are gathered until they show one place (`ins_nav.aiding.range_search`).
+
+A range reads ``(1 + scale) distance + bias``; its own states are scale (error of the sound speed) and bias, m.
+"""
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ins_nav.aiding.base import (
+    Aid,
+    AidParameters,
+    Observation,
+    OwnStates,
+    Reading,
+    Unusable,
+    declare_default_stddev,
+    declare_lever_arm,
+    declare_min_stddev,
+    declare_patience,
+)
+from ins_nav.aiding.beacon import Beacon
+from ins_nav.aiding.fields import no_measurement, read_fix
+from ins_nav.aiding.geometry import from_earth, set_turned
+from ins_nav.aiding.range_search import RangeSearch, uncertain
+from ins_nav.config.declaration import parameter
+from ins_nav.config.parameters import NAN, Parameter, ParameterError, Value
+from ins_nav.estimation.error_model import Array, SlowState, Vector, rotation_matrix
+from ins_nav.estimation.observation import Measurement, Solution
+from ins_nav.estimation.state_layout import POSITION, SIZE
+from ins_nav.event_log import INFO, WARN
+from ins_nav.mechanization.attitude import rotate
+from ins_nav.mechanization.nav_state import NavState, position_ecef
+from ins_nav.stamps import NS, stamp_of
+
+_LATE = 30.0
+"""s by which a beacon's fix may be late without a fault."""
+_USELESS = 300.0
+"""m, one sigma of a beacon's way since its fix: a later fix is of no use."""
+_BEACON_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+_PLACE = (
+    ("latitude_deg", "latitude of the beacon, deg", 90.0),
+    ("longitude_deg", "longitude of the beacon", 360.0),
+    ("height", "its ellipsoidal height, m", 12e3),
+)
+
+
+@dataclass(frozen=True)
+class RangeParameters(AidParameters):
+    """Parameters ``range.*``."""
+
+    default_stddev: float = declare_default_stddev(1.0, "m")
+    min_stddev: float = declare_min_stddev(0.01, "m")
+    lever_arm: Vector = declare_lever_arm("transducer")
+    patience: float = declare_patience(600.0)
+    beacons: str = parameter(
+        "",
+        "names of acoustic beacons, separated by commas. The place of each is range.<beacon>.latitude_deg, .longitude_"
+        "deg and .height; where these are not given it comes on beacon/<beacon>/fix",
+    )
+    scale_stddev: float = parameter(0.0, "relative error of the speed of sound; 0: none", low=0.0, high=0.2)
+    bias_stddev: float = parameter(0.0, "constant error of a beacon's ranges; 0: none", unit="m", low=0.0, high=1e3)
+    sound_speed: float = parameter(1500.0, "for the time that sound travels", unit="m/s", low=300.0, high=7000.0)
+    two_way: bool = parameter(
+        False,
+        "the vehicle asks and the beacon answers, so a range is of the middle of that time; false: of its end",
+    )
+    beacon_speed: float = parameter(
+        1.0,
+        "standard deviation of each component of the velocity of a beacon that floats",
+        unit="m/s",
+        low=0.0,
+        high=30.0,
+    )
+
+
+def beacon_names(value: object) -> list[str]:
+    """Names in ``range.beacons``.
+
+    Raises
+    ------
+    ParameterError
+        One cannot be part of a topic, occurs twice, or is that of another parameter.
+    """
+    names = [name.strip() for name in str(value).split(",") if name.strip()]
+    known = {row.name for row in RangeParameters.rows(AcousticRange.NAME)}
+    for name in names:
+        if not _BEACON_NAME.fullmatch(name) or f"{AcousticRange.NAME}.{name}" in known:
+            raise ParameterError(f"parameter range.beacons: {name!r} cannot be the name of a beacon")
+    if len(set(names)) < len(names):
+        raise ParameterError(f"parameter range.beacons: a name is there twice in {value!r}")
+    return names
+
+
+class AcousticRange(Aid[RangeParameters]):
+    """Slant range to one beacon.
+
+    Parameters
+    ----------
+    parameters : RangeParameters
+    beacon : Beacon
+    beacon_name : str
+    """
+
+    NAME = "range"
+    TOPIC = "range/<beacon>"
+    MESSAGE_TYPES = ("sensor_msgs/msg/Range",)
+    TEXT = "slant range, m, to each of `range.beacons`; zero or outside `min_range` to `max_range`: rejected"
+    PARAMETERS = RangeParameters
+    EXPECTED = True
+
+    def __init__(self, parameters: RangeParameters, beacon: Beacon, beacon_name: str) -> None:
+        name = f"range/{beacon_name}"
+        super().__init__(parameters, name, name)
+        self.states = (SlowState(parameters.scale_stddev), SlowState(parameters.bias_stddev))
+        self.shares = "" if beacon.moored else fix_topic(beacon_name)
+        self._beacon = beacon
+        self._search: RangeSearch | None = None
+
+    @classmethod
+    def rows(cls, overrides: Mapping[str, object]) -> list[Parameter]:
+        beacons = beacon_names(overrides.get("range.beacons", ""))
+        keys = "|".join(key for key, _, _ in _PLACE)
+        for name in overrides:
+            place = re.fullmatch(rf"range\.({_BEACON_NAME.pattern})\.({keys})", name)
+            if place and place[1] not in beacons:
+                raise ParameterError(f"parameter {name}: {place[1]} is not in range.beacons")
+        places = [
+            Parameter(f"range.{beacon}.{key}", NAN, f"{text}; not given: from {fix_topic(beacon)}", -limit, limit)
+            for beacon in beacons
+            for key, text, limit in _PLACE
+        ]
+        return [*super().rows(overrides), *places]
+
+    @classmethod
+    def check(cls, values: Mapping[str, Value]) -> None:
+        for beacon in beacon_names(values["range.beacons"]):
+            names = [f"range.{beacon}.{key}" for key, _, _ in _PLACE]
+            given = [not math.isnan(float(values[name])) for name in names]  # type: ignore[arg-type]
+            if any(given) and not all(given):
+                raise ParameterError(f"{names[0]}, {names[1]} and {names[2]} go together: give all three or none")
+
+    @classmethod
+    def create(cls, values: Mapping[str, Value]) -> list[Aid[Any]]:
+        """Ranges to every beacon, and fixes of those that float."""
+        parameters = RangeParameters.from_values(cls.NAME, values)
+        aids: list[Aid[Any]] = []
+        for name in beacon_names(parameters.beacons):
+            lat, lon, height = (float(values[f"range.{name}.{key}"]) for key, _, _ in _PLACE)  # type: ignore[arg-type]
+            place = None if math.isnan(lat) else (math.radians(lat), math.radians(lon), height)
+            beacon = Beacon(place, parameters.beacon_speed)
+            aids.append(cls(parameters, beacon, name))
+            if not beacon.moored:
+                aids.append(BeaconFix(beacon, name, parameters.enabled))
+        return aids
+
+    def read(self, message: Any) -> Reading:
+        distance, stamp_ns = float(message.range), stamp_of(message)
+        low, high = float(message.min_range), float(message.max_range)
+        if not low < high:  # not filled in
+            low, high = 0.0, math.inf
+        if not (math.isfinite(distance) and distance > 0.0 and low <= distance <= high):
+            raise no_measurement((distance,))
+        if self.parameters.two_way:
+            stamp_ns -= round(NS * self._travel_time(distance))  # half of the time
+        return Reading((distance,), (float(message.variance),), stamp_ns)
+
+    def measure(self, solution: Solution, own: OwnStates, observation: Observation) -> Measurement | None:
+        """The range by itself, or where position is hardly known a place by all ranges that were gathered."""
+        place = self._place(own, observation)
+        if place is None:
+            text = "the beacon's place is unknown: publish its fixes, or set its parameters"
+            raise Unusable(text, "unusable", WARN)
+        away, covariance = self._away(solution.state, place), solution.position_covariance
+        spread = self._beacon_covariance(solution, own)
+        if not uncertain(covariance[:2, :2], away):
+            self._search = None
+            if uncertain(spread[:2, :2], away):
+                raise Unusable(f"the beacon's place is known to {math.sqrt(spread.trace()):.0f} m only: rejected")
+            return self._range(solution, own, observation, away, covariance + spread)
+        return self._gather(solution, own, observation, away, (covariance + spread)[:2, :2])
+
+    def patience(self, observation: Observation, accepted: bool, placed: bool) -> float:
+        """None once position is known: then it is the beacon that is elsewhere."""
+        return 0.0 if placed else self.parameters.patience
+
+    def restart(self) -> None:
+        self._search = None
+
+    def corrected(self, before: NavState, after: NavState) -> None:
+        if self._search is not None:
+            moved = np.subtract(position_ecef(after), position_ecef(before))
+            east, north, _ = from_earth(after, moved)
+            self._search.moved(east, north)
+
+    def _travel_time(self, distance: float) -> float:
+        """Time that sound takes, s."""
+        return distance / self.parameters.sound_speed
+
+    def _ago(self, observation: Observation) -> float:
+        """s from when sound left to the stamp; a range of two ways has the stamp of the middle already."""
+        return 0.0 if self.parameters.two_way else self._travel_time(observation.value[0])
+
+    def _place(self, own: OwnStates, observation: Observation) -> Array | None:
+        """Of the beacon when sound left it, Earth-fixed, m; None: unknown."""
+        return self._beacon.at(own.values[len(self.states) :], self._ago(observation))
+
+    def _away(self, state: NavState, place: Array) -> Array:
+        """From the beacon to the transducer, on n, shape (3,), m."""
+        arm = rotate(state[0:4], *self.parameters.lever_arm)
+        return np.add(from_earth(state, np.subtract(position_ecef(state), place)), arm)
+
+    def _range(
+        self, solution: Solution, own: OwnStates, observation: Observation, away: Array, covariance: Array
+    ) -> Measurement | None:
+        """To second order in the error of the place, of that covariance, shape (3, 3), m².
+
+        Bar-Shalom, Li, Kirubarajan, Estimation with Applications to Tracking and Navigation, 10.3.2: across the
+        direction to the beacon range grows with the error's square. Where the place is hardly known, a range tells
+        less.
+        """
+        scale, bias = map(float, own.values[: len(self.states)])
+        length = float(np.linalg.norm(away))
+        if length == 0.0:
+            return None  # at the beacon: no direction
+        h: Array = np.zeros((3, SIZE))
+        h[:, POSITION] = np.eye(3)
+        set_turned(h, rotate(solution.state[0:4], *self.parameters.lever_arm))
+        across = (np.eye(3) - np.outer(away, away) / length**2) / length @ covariance
+        z = np.array([(1.0 + scale) * (length + 0.5 * across.trace()) + bias - observation.value[0]])
+        row = ((1.0 + scale) / length) * away @ h
+        r = np.array([[float(observation.covariance[0, 0]) + 0.5 * (across @ across).trace()]])
+        columns = np.array([[length, 1.0]])
+        if self.shares:
+            direction: Array = np.array(rotate(solution.state[7:11], *row[POSITION].tolist()))
+            columns = np.hstack([columns, self._beacon.columns(-direction, self._ago(observation))[None]])
+        return Measurement(z, row[None], r, POSITION, columns, self.shares)
+
+    def _gather(
+        self, solution: Solution, own: OwnStates, observation: Observation, away: Array, covariance: Array
+    ) -> Measurement:
+        """The place that the ranges gathered so far show; covariance from the beacon to here, shape (2, 2), m²."""
+        if self._search is None:
+            self._search = RangeSearch()
+        distance = observation.value[0]
+        scale, bias = np.sqrt(own.covariance.diagonal()[: len(self.states)]).tolist()
+        common = (scale * distance) ** 2 + bias**2
+        self._search.add(away, distance, float(observation.covariance[0, 0]) + common, covariance)
+        found = self._search.settled(away)
+        if found is None:
+            sigma = math.sqrt(covariance.trace())
+            text = (
+                f"position is known to {sigma:.0f} m only, {distance:.0f} m away: ranges are gathered until they show "
+            )
+            raise Unusable(text + "one place: change course", "gathered")
+        self._search = None
+        columns = self._place_columns(solution, observation)
+        r = found[1] + common * np.eye(2)  # many ranges do not average that
+        return Measurement(
+            -found[0], np.eye(2, SIZE), r, POSITION, None if columns is None else -columns[:2], self.shares
+        )
+
+    def _place_columns(self, solution: Solution, observation: Observation) -> Array | None:
+        """Of the states, on the beacon's place on n when sound left it, shape (3, k); None where it is moored."""
+        if not self.shares:
+            return None
+        rot_en = rotation_matrix(solution.state[7:11])
+        columns = [self._beacon.columns(axis, self._ago(observation)) for axis in rot_en.T]
+        return np.hstack([np.zeros((3, len(self.states))), columns])
+
+    def _beacon_covariance(self, solution: Solution, own: OwnStates) -> Array:
+        """Covariance of the beacon's place on n, shape (3, 3), m²."""
+        if not self.shares:
+            return np.zeros((3, 3))
+        rot_en = rotation_matrix(solution.state[7:11])
+        begin = len(self.states)
+        covariance: Array = rot_en.T @ own.covariance[begin : begin + 3, begin : begin + 3] @ rot_en
+        return covariance
+
+
+def fix_topic(beacon_name: str) -> str:
+    """Topic of the fixes of a beacon that floats; name of that aid, too."""
+    return f"beacon/{beacon_name}/fix"
+
+
+@dataclass(frozen=True)
+class BeaconFixParameters(AidParameters):
+    """Of the fixes of beacons: not to be set."""
+
+    default_stddev: float = declare_default_stddev(3.0, "m")
+    min_stddev: float = declare_min_stddev(0.05, "m")
+
+
+class BeaconFix(Aid[BeaconFixParameters]):
+    """Fix of a beacon that floats: a measurement of where the beacon is, or was, and of nothing else.
+
+    Parameters
+    ----------
+    beacon : Beacon
+        Its states are the aid's own.
+    beacon_name : str
+    enabled : bool
+    """
+
+    NAME = "beacon"
+    TOPIC = "beacon/<beacon>/fix"
+    MESSAGE_TYPES = ("sensor_msgs/msg/NavSatFix",)
+    TEXT = "place of a beacon of `range.beacons` that floats"
+    PARAMETERS = BeaconFixParameters
+    MAY_BE_SILENT = True
+    KEEPS_LATEST = True
+    CHANGED = "the beacon was elsewhere: is range.beacon_speed too small?"
+
+    def __init__(self, beacon: Beacon, beacon_name: str, enabled: bool) -> None:
+        name = fix_topic(beacon_name)
+        super().__init__(BeaconFixParameters(enabled=enabled), name, name)
+        self.states = beacon.states
+        self._beacon = beacon
+        self._last: tuple[float, ...] | None = None
+        self._moves = False
+
+    @classmethod
+    def rows(cls, overrides: Mapping[str, object]) -> list[Parameter]:
+        """None: it has no parameters of its own."""
+        return []
+
+    @classmethod
+    def create(cls, values: Mapping[str, Value]) -> list[Aid[Any]]:
+        """None: they are created with the ranges to the same beacons (`AcousticRange.create`)."""
+        return []
+
+    def read(self, message: Any) -> Reading:
+        """The content of a message; of a beacon that has moved, the same place under a new stamp is no news."""
+        reading = read_fix(message)
+        if math.isnan(reading.value[2]):
+            raise no_measurement(reading.value)
+        repeated = reading.value == self._last
+        self._moves = self._moves or not (self._last is None or repeated)
+        self._last = reading.value
+        if self._moves and repeated:
+            raise Unusable("the last place under a new stamp: rejected", "repeated")
+        return reading
+
+    def late(self, seconds: float) -> tuple[bool, str, str]:
+        used = self._beacon.reference is None or self._beacon.way_stddev(seconds) < _USELESS
+        text = "used for where the beacon was then" if used else "rejected: check its clock"
+        return used, INFO if used and seconds < _LATE else WARN, text
+
+    def measure(self, solution: Solution, own: OwnStates, observation: Observation) -> Measurement:
+        lat, lon, height = observation.value
+        ago = (solution.stamp_ns - observation.stamp_ns) * 1e-9
+        return self._beacon.measure(own.values, observation.stamp_ns, (lat, lon, height), observation.covariance, ago)
+
+    def restart(self) -> None:
+        self._beacon.restart()
+
+    def status(self, own: Sequence[tuple[float, float]]) -> dict[str, str]:
+        return {"place sigma": f"{math.hypot(*(s for _, s in own[:3])):.2f} m"} if own else {}

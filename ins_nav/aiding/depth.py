@@ -1,0 +1,108 @@
+"""Depth below the water's surface; the height of the surface is a state of the filter unless it is known exactly."""
+
+import math
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+import numpy as np
+
+from ins_nav.aiding.base import (
+    Aid,
+    AidParameters,
+    Observation,
+    OwnStates,
+    Reading,
+    declare_default_stddev,
+    declare_lever_arm,
+    declare_min_stddev,
+    declare_patience,
+)
+from ins_nav.aiding.fields import no_measurement
+from ins_nav.aiding.geometry import set_turned
+from ins_nav.config.declaration import parameter
+from ins_nav.estimation.error_model import Array, SlowState, Vector
+from ins_nav.estimation.observation import Measurement, Solution
+from ins_nav.estimation.state_layout import HEIGHT, SIZE
+from ins_nav.mechanization.attitude import rotate
+from ins_nav.stamps import stamp_of
+
+_UNKNOWN = 1e3
+"""m: sigma of the surface's height where it is not given."""
+
+
+@dataclass(frozen=True)
+class DepthParameters(AidParameters):
+    """Parameters ``depth.*``."""
+
+    default_stddev: float = declare_default_stddev(0.1, "m")
+    min_stddev: float = declare_min_stddev(0.005, "m")
+    lever_arm: Vector = declare_lever_arm("depth gauge")
+    patience: float = declare_patience(180.0)
+    surface_height: float = parameter(
+        math.nan,
+        "ellipsoidal height of the water's surface; not given: estimated from height and depth together",
+        unit="m",
+        low=-500.0,
+        high=9000.0,
+    )
+    surface_stddev: float = parameter(0.0, "uncertainty of that height where it is given", unit="m", low=0.0, high=1e3)
+
+
+P = TypeVar("P", bound=AidParameters)
+
+
+class DepthAid(Aid[P]):
+    """A gauge of depth; its own state, unless the surface is known exactly, is the surface's height, m.
+
+    Parameters
+    ----------
+    parameters : AidParameters
+    surface_height : float
+        Ellipsoidal, m; NaN: the first measurement gives it.
+    surface_stddev : float
+        m.
+    """
+
+    def __init__(self, parameters: P, surface_height: float, surface_stddev: float) -> None:
+        super().__init__(parameters)
+        self._surface = surface_height
+        stddev = _UNKNOWN if math.isnan(surface_height) else surface_stddev
+        self.states = (SlowState(stddev),) if stddev > 0.0 else ()
+
+    def depth(self, solution: Solution, observation: Observation) -> tuple[float, float]:
+        """Depth, m, down positive, and its variance, m²."""
+        return observation.value[0], float(observation.covariance[0, 0])
+
+    def measure(self, solution: Solution, own: OwnStates, observation: Observation) -> Measurement:
+        depth, variance = self.depth(solution, observation)
+        arm = rotate(solution.state[0:4], *self.parameters.lever_arm)
+        height = solution.state[11] + arm[2]
+        if math.isnan(self._surface):
+            self._surface = height + depth
+        surface = self._surface + float(own.values.sum())
+        h: Array = np.zeros((3, SIZE))
+        h[HEIGHT, HEIGHT] = 1.0
+        set_turned(h, arm)
+        z, r = np.array([height - surface + depth]), np.array([[variance]])
+        if self.states:  # a gauge that disagrees for long: the surface has moved
+            return Measurement(z, h[2:], r, None, np.array([[-1.0]]))
+        return Measurement(z, h[2:], r, slice(HEIGHT, HEIGHT + 1))
+
+
+class Depth(DepthAid[DepthParameters]):
+    """Depth by a gauge that has computed it."""
+
+    NAME = "depth"
+    TOPIC = "depth"
+    MESSAGE_TYPES = ("geometry_msgs/msg/PoseWithCovarianceStamped",)
+    TEXT = "`position.z = -depth`, m, its variance in `covariance[14]`"
+    PARAMETERS = DepthParameters
+
+    def __init__(self, parameters: DepthParameters) -> None:
+        super().__init__(parameters, parameters.surface_height, parameters.surface_stddev)
+
+    def read(self, message: Any) -> Reading:
+        depth = -float(message.pose.pose.position.z)
+        if not math.isfinite(depth):
+            raise no_measurement((depth,))
+        return Reading((depth,), (float(message.pose.covariance[14]),), stamp_of(message))
