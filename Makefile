@@ -1,6 +1,6 @@
 # Everything runs in .venv, which is made at the first use. PYTHON=... chooses the Python for it.
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test golden bench format clean
+.PHONY: help setup demo test golden bench format generate clean
 MAKEFLAGS += --no-print-directory
 
 RUN := PATH="$(CURDIR)/.venv/bin:$$PATH"
@@ -30,6 +30,9 @@ bench: setup  ## measure accuracy and speed: ARGS="..." is handed on
 format: setup  ## format the code, repair what ruff can
 	@$(RUN) ruff check --fix-only --quiet
 	@$(RUN) ruff format
+
+generate: setup  ## write config/ins.yaml and the tables of the documentation from the declarations
+	@$(RUN) python -m ins_nav.cli.generate
 
 clean:  ## remove .venv and everything that was built
 	@rm -rf .venv build install log *.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis
