@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 
 from ins_nav.aiding.registry import aid_classes, aid_rows
-from ins_nav.config.configuration import Configuration, section_rows
+from ins_nav.config.configuration import Configuration
 from ins_nav.config.parameters import Parameter
 
 
@@ -21,6 +21,6 @@ def configuration(overrides: Mapping[str, object] | None = None) -> Configuratio
     return found
 
 
-def table() -> list[Parameter]:
+def table() -> tuple[Parameter, ...]:
     """Every row but those that the values of others name."""
-    return [*section_rows(), *aid_rows({})]
+    return configuration().rows
