@@ -1,6 +1,8 @@
 """The tests mirror the package, and every folder says what it is for."""
 
 import ast
+import configparser
+import re
 from pathlib import Path
 
 import pytest
@@ -69,3 +71,11 @@ def test_a_module_has_its_test_file(module: Path) -> None:
 @pytest.mark.parametrize("module", [m for m in MODULES if m.name == "__init__.py"], ids=str)
 def test_a_folder_says_what_it_is_for(module: Path) -> None:
     assert ast.get_docstring(ast.parse((ROOT / "ins_nav" / module).read_text()))
+
+
+def test_the_readme_shows_the_layers() -> None:
+    config = configparser.ConfigParser()
+    config.read(ROOT / "setup.cfg")
+    layers = config["importlinter:contract:layers"]["layers"].split("\n")[1:]
+    section = (ROOT / "README.md").read_text().partition("## How it is built")[2].partition("\n## ")[0]
+    assert re.findall(r"^    (\w+(?: \| \w+)*)  ", section, re.MULTILINE) == layers
