@@ -33,8 +33,9 @@ from ins_nav.aiding.geometry import from_earth, set_turned
 from ins_nav.aiding.range_search import RangeSearch, uncertain
 from ins_nav.config.declaration import parameter
 from ins_nav.config.parameters import NAN, Parameter, ParameterError, Value
-from ins_nav.estimation.error_model import Array, SlowState, Vector, rotation_matrix
+from ins_nav.estimation.error_model import Array, Vector, rotation_matrix
 from ins_nav.estimation.observation import Measurement, Solution
+from ins_nav.estimation.slow_state import SlowState
 from ins_nav.estimation.state_layout import POSITION, SIZE
 from ins_nav.event_log import INFO, WARN
 from ins_nav.mechanization.attitude import rotate

@@ -20,8 +20,9 @@ import numpy as np
 from ins_nav.alignment.initial_position import Place
 from ins_nav.config.declaration import Section, parameter
 from ins_nav.config.parameters import Parameter, Value
-from ins_nav.estimation.error_model import Array, SlowState, Vector
+from ins_nav.estimation.error_model import Array, Vector
 from ins_nav.estimation.observation import Measurement, Solution, Update
+from ins_nav.estimation.slow_state import SlowState
 from ins_nav.event_log import INFO, WARN
 from ins_nav.mechanization.nav_state import NavState
 from ins_nav.stamps import NS

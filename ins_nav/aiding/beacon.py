@@ -14,8 +14,9 @@ import math
 
 import numpy as np
 
-from ins_nav.estimation.error_model import Array, SlowState
+from ins_nav.estimation.error_model import Array
 from ins_nav.estimation.observation import Measurement
+from ins_nav.estimation.slow_state import SlowState
 from ins_nav.estimation.state_layout import SIZE
 from ins_nav.mechanization.earth import enu_axes, geodetic_to_ecef
 

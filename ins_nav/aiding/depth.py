@@ -20,8 +20,9 @@ from ins_nav.aiding.base import (
 from ins_nav.aiding.fields import no_measurement
 from ins_nav.aiding.geometry import set_turned
 from ins_nav.config.declaration import parameter
-from ins_nav.estimation.error_model import Array, SlowState, Vector
+from ins_nav.estimation.error_model import Array, Vector
 from ins_nav.estimation.observation import Measurement, Solution
+from ins_nav.estimation.slow_state import SlowState
 from ins_nav.estimation.state_layout import HEIGHT, SIZE
 from ins_nav.mechanization.attitude import rotate
 from ins_nav.stamps import stamp_of

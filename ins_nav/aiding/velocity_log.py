@@ -30,8 +30,9 @@ from ins_nav.aiding.fields import no_measurement, read_velocity
 from ins_nav.aiding.geometry import cross_matrix, east_north, rate_to_earth
 from ins_nav.config.declaration import DEG, parameter
 from ins_nav.config.parameters import Value
-from ins_nav.estimation.error_model import Array, SlowState, Vector, rotation_matrix
+from ins_nav.estimation.error_model import Array, Vector, rotation_matrix
 from ins_nav.estimation.observation import Measurement, Solution
+from ins_nav.estimation.slow_state import SlowState
 from ins_nav.estimation.state_layout import ATTITUDE, COSINE, GYRO_BIAS, SIZE, VELOCITY
 from ins_nav.mechanization import nav_state
 

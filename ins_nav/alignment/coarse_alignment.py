@@ -69,6 +69,8 @@ class Alignment:
         White noise of an axis, rad/√s and m/s/√s.
     heading_noise : float
         Sigma of heading without what the gyros' biases do to it, rad.
+    by_bias : ndarray, shape (3, 6)
+        Errors of attitude that errors of these biases make.
     joint : ndarray, shape (9, 9)
         Covariance of attitude and of the biases of gyros and accelerometers (computed less true, body axes; rad/s and
         m/s²) together: level holds the accelerometers' biases, heading the east gyro's. A filter that goes on from
@@ -84,6 +86,7 @@ class Alignment:
     gyro_noise: float
     accel_noise: float
     heading_noise: float
+    by_bias: NDArray[np.float64]
     joint: NDArray[np.float64]
 
     @property
@@ -247,6 +250,7 @@ class CoarseAlignment:
             covariance[:2, :2] += np.eye(2) * excess**2
             covariance[2, 2] = heading_stddev**2
             rot_gb = Rotation.from_rotvec([0.0, 0.0, turn]) * rot_gb
+        by_bias = self._by_bias(rot_gb, gravity, lat, rate)
         white, walk = noise.sensor_noise(deviation[:, :2], limits)
         velocity, velocity_stddev = self._end_velocity(blocks, noise, deviation, fit, gravity, lat, rot_b0g0, limits)
         yaw = turn - RATE * math.sin(lat) * self.cone.time  # since time 0, and to the heading given
@@ -265,20 +269,25 @@ class CoarseAlignment:
             math.sqrt(float(walk)),
             gravity * math.sqrt(float(white) * blocks.length),
             math.sqrt(fit.slope_variance) / rate if heading is None else heading_stddev,
-            self._joint(covariance, rot_gb, gravity, lat, rate),
+            by_bias,
+            self._joint(covariance, by_bias, gravity, lat, rate),
         )
 
-    def _joint(
-        self, attitude: NDArray[np.float64], rot_gb: Rotation, gravity: float, lat: float, rate: float
-    ) -> NDArray[np.float64]:
-        """Covariance of attitude and biases together, shape (9, 9)."""
+    def _by_bias(self, rot_gb: Rotation, gravity: float, lat: float, rate: float) -> NDArray[np.float64]:
+        """Errors of attitude that errors of the biases make, shape (3, 6)."""
         turns = Rotation.from_quat(self.cone.q_b0b).inv() * Rotation.from_quat(self.cone.blocks().q_b0b)
         east, north, _ = rot_gb.as_matrix() @ turns.as_matrix().mean(axis=0)  # of the body, on average
-        biases = np.diag([self._gyro_bias_stddev**2] * 3 + [self._accel_bias_stddev**2] * 3)
-        tilt, up = self._accel_bias_stddev / gravity, RATE * math.sin(lat)
         by_bias = np.zeros((3, 6))
         by_bias[0, 3:], by_bias[1, 3:] = -north / gravity, east / gravity
-        by_bias[2] = np.concatenate([-east, up / gravity * east]) / rate
+        by_bias[2] = np.concatenate([-east, RATE * math.sin(lat) / gravity * east]) / rate
+        return by_bias
+
+    def _joint(
+        self, attitude: NDArray[np.float64], by_bias: NDArray[np.float64], gravity: float, lat: float, rate: float
+    ) -> NDArray[np.float64]:
+        """Covariance of attitude and biases together, shape (9, 9)."""
+        biases = np.diag([self._gyro_bias_stddev**2] * 3 + [self._accel_bias_stddev**2] * 3)
+        tilt, up = self._accel_bias_stddev / gravity, RATE * math.sin(lat)
         told = np.diag([tilt**2, tilt**2, (self._gyro_bias_stddev**2 + (up * tilt) ** 2) / rate**2])
         joint = np.zeros((SOLUTION_SIZE, SOLUTION_SIZE))
         joint[ATTITUDE, ATTITUDE] = attitude - told + by_bias @ biases @ by_bias.T

@@ -3,29 +3,41 @@
 import numpy as np
 
 from ins_nav.alignment.coarse_alignment import Alignment
-from ins_nav.estimation.error_model import Array, Vector
+from ins_nav.estimation.error_model import Array, Vector, mean_reading
+from ins_nav.estimation.imu_error import ImuErrors
 from ins_nav.estimation.state_layout import ATTITUDE, MOTION, POSITION, SENSED, SOLUTION_SIZE
+from ins_nav.mechanization.nav_state import NavState
 
 _LEAST_VELOCITY = 1e-3
 """m/s: no velocity is known better after coarse alignment."""
 
 
-def after_alignment(alignment: Alignment, position_stddev: Vector, lever_arm_g: Vector) -> Array:
+def after_alignment(
+    alignment: Alignment, state: NavState, position_stddev: Vector, lever_arm_g: Vector, imu_errors: ImuErrors
+) -> Array:
     """Covariance of the errors at the end of coarse alignment, on east, north, up (`covariance_of`).
 
     Parameters
     ----------
     alignment : Alignment
+    state : NavState
+        The first solution.
     position_stddev : 3 floats
         Of the place known, m.
     lever_arm_g : 3 floats
         From the IMU to that place, east, north, up, m: it turns with the error of attitude.
+    imu_errors : ImuErrors
+        Level and heading hold these errors as they hold the biases.
     """
-    covariance = np.zeros((SOLUTION_SIZE, SOLUTION_SIZE))
+    size = SOLUTION_SIZE + imu_errors.size
+    covariance = np.zeros((size, size))
     velocity = max(alignment.velocity_stddev, _LEAST_VELOCITY)
     covariance[MOTION, MOTION] = np.diag(np.square([*position_stddev, *[velocity] * 3]))
     covariance[SENSED, SENSED] = alignment.joint
+    np.einsum("ii->i", covariance)[SOLUTION_SIZE:] = [s.stddev**2 for s in imu_errors.states]
     x, y, z = lever_arm_g
-    carried = np.eye(SOLUTION_SIZE)
+    carried, held = np.eye(size), np.eye(size)
     carried[POSITION, ATTITUDE] = [[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]
-    return carried @ covariance @ carried.T
+    held[ATTITUDE, SOLUTION_SIZE:] = alignment.by_bias @ imu_errors.columns(mean_reading(state, state, 1.0))
+    both = carried @ held
+    return both @ covariance @ both.T

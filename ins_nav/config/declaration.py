@@ -23,6 +23,8 @@ from ins_nav.config.parameters import Parameter, Value
 
 DEG = math.radians(1.0)
 """rad."""
+ARCSEC = DEG / 3600.0
+"""rad."""
 DEG_PER_HOUR = DEG / 3600.0
 """rad/s."""
 DEG_PER_SQRT_HOUR = DEG / 60.0

@@ -21,10 +21,13 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import eigh
+from scipy.spatial.transform import Rotation
 
-from ins_nav.config.sections import AidingSection, ImuSection, NavigationSection
+from ins_nav.config.configuration import Configuration
 from ins_nav.estimation.error_filter import ErrorFilter
-from ins_nav.estimation.error_model import Array, ErrorModel, SlowState, Vector, azimuth, rotation_matrix
+from ins_nav.estimation.error_model import Array, ErrorModel, Vector, azimuth, rotation_matrix
+from ins_nav.estimation.imu_error import ImuErrors
+from ins_nav.estimation.slow_state import SlowState
 from ins_nav.estimation.state_layout import (
     ACCEL_BIAS,
     ATTITUDE,
@@ -37,13 +40,12 @@ from ins_nav.estimation.state_layout import (
     MOTION,
     POSITION,
     SENSED,
-    SIZE,
     SOLUTION,
-    SOLUTION_SIZE,
     TILT,
     VELOCITY,
     VERTICAL_VELOCITY,
 )
+from ins_nav.estimation.states import kinds
 from ins_nav.mechanization.nav_state import NavState
 from ins_nav.mechanization.replay_buffer import LENGTH_NS, ReplayBuffer
 
@@ -60,27 +62,31 @@ _NOTHING = 1e-40
 """The same where the variance is zero."""
 
 
-def error_model(
-    imu: ImuSection, navigation: NavigationSection, aiding: AidingSection, learnt_noise: tuple[float, float]
-) -> ErrorModel:
+def error_model(configuration: Configuration, learnt_noise: tuple[float, float]) -> ErrorModel:
     """The model of errors that the parameters describe.
 
     Parameters
     ----------
-    imu : ImuSection
-    navigation : NavigationSection
-    aiding : AidingSection
+    configuration : Configuration
     learnt_noise : 2 floats
         White noise of gyros and accelerometers, rad/√s and m/s/√s, where the parameters do not give it.
     """
+    imu = configuration.imu
     return ErrorModel(
-        vertical=navigation.vertical_channel,
+        vertical=configuration.navigation.vertical_channel,
         gyro_noise=learnt_noise[0] if math.isnan(imu.gyro_noise) else imu.gyro_noise,
         accel_noise=learnt_noise[1] if math.isnan(imu.accel_noise) else imu.accel_noise,
         gyro_bias=SlowState(imu.gyro_bias_stddev, imu.gyro_bias_walk),
         accel_bias=SlowState(imu.accel_bias_stddev, imu.accel_bias_walk),
-        height_walk=aiding.height_walk,
+        height_walk=configuration.aiding.height_walk,
+        imu_errors=imu_errors(configuration),
     )
+
+
+def imu_errors(configuration: Configuration) -> ImuErrors:
+    """Errors of the IMU beside the biases that the parameters describe."""
+    mounting = Rotation.from_euler("ZYX", configuration.imu.mounting_rpy[::-1]).as_matrix()
+    return ImuErrors([kind.from_values("imu", configuration.values) for kind in kinds()], mounting)
 
 
 def filter_of(
@@ -91,8 +97,8 @@ def filter_of(
     Parameters
     ----------
     model : ErrorModel
-    covariance : ndarray, shape (SOLUTION_SIZE, SOLUTION_SIZE)
-        Of the errors on n, heading as an angle.
+    covariance : ndarray, shape (n, n)
+        Of the errors on n, as of `covariance_of`. Of a model with other errors of the IMU only what both have is used.
     own_states : mapping of name to sequence of SlowState
         Those of aids.
     """
@@ -100,19 +106,27 @@ def filter_of(
     made = ErrorFilter(
         model, stddev[POSITION].tolist(), stddev[VELOCITY].tolist(), covariance[ATTITUDE, ATTITUDE], own_states
     )
-    scale = np.ones(SOLUTION_SIZE)
+    rows = model.solution_rows
+    if len(rows) != len(covariance):
+        rows = rows[SOLUTION]
+    covariance = covariance[: len(rows), : len(rows)]
+    scale = np.ones(len(rows))
     scale[HEADING] = 1.0 - made.x[COSINE]  # of an unknown heading the sine
     if not model.vertical:
         scale[VERTICAL_VELOCITY] = 0.0
     heading = made.p[HEADING, HEADING]
-    made.p[SOLUTION, SOLUTION] = scale[:, None] * covariance * scale
+    made.p[np.ix_(rows, rows)] = scale[:, None] * covariance * scale
     made.p[HEADING, HEADING] = heading
     return made
 
 
 def covariance_of(made: ErrorFilter) -> Array:
-    """Mean squares of a solution's errors, shape (SOLUTION_SIZE, SOLUTION_SIZE), heading as an angle."""
-    covariance = made.p[SOLUTION, SOLUTION] + np.outer(made.x[SOLUTION], made.x[SOLUTION])
+    """Mean squares of a solution's errors, heading as an angle, shape (n, n).
+
+    n is SOLUTION_SIZE and the number of the further errors of the IMU that are in use.
+    """
+    rows = made.model.solution_rows
+    covariance: Array = made.p[np.ix_(rows, rows)] + np.outer(made.x[rows], made.x[rows])
     covariance[HEADING, HEADING] = max(covariance[HEADING, HEADING], made.heading_stddev**2)
     return covariance
 
@@ -147,9 +161,7 @@ class CovariancePropagation:
 
     Parameters
     ----------
-    imu : ImuSection
-    navigation : NavigationSection
-    aiding : AidingSection
+    configuration : Configuration
 
     Attributes
     ----------
@@ -157,20 +169,21 @@ class CovariancePropagation:
         How often the covariance has changed.
     """
 
-    def __init__(self, imu: ImuSection, navigation: NavigationSection, aiding: AidingSection) -> None:
-        self._sections = imu, navigation, aiding
-        self._stop_velocity = aiding.stop_velocity_stddev
-        self._height_walk = aiding.height_walk
+    def __init__(self, configuration: Configuration) -> None:
+        self._configuration = configuration
+        self._stop_velocity = configuration.aiding.stop_velocity_stddev
+        self._height_walk = configuration.aiding.height_walk
         self.count = 0
         self.restart()
 
     def restart(self) -> None:
         """Nothing is known but the parameters."""
         self._filter: ErrorFilter | None = None
-        self._model = error_model(*self._sections, (0.0, 0.0))
+        self._model = error_model(self._configuration, (0.0, 0.0))
         self._accel_stddev = self._model.slow[3].stddev
-        self._idle: Array = np.zeros((SOLUTION_SIZE, SOLUTION_SIZE))
-        self._idle[BIASES, BIASES] = np.diag([s.stddev**2 for s in self._model.slow])
+        size = len(self._model.solution_rows)
+        self._idle: Array = np.zeros((size, size))
+        np.einsum("ii->i", self._idle)[BIASES.start :] = [s.stddev**2 for s in self._model.slow]
         self.clear()
 
     def clear(self) -> None:
@@ -204,7 +217,7 @@ class CovariancePropagation:
     def begin(self, stamp_ns: int, state: NavState, covariance: Array, learnt_noise: tuple[float, float]) -> None:
         """Begin with a solution; noise as of `error_model`."""
         self.clear()
-        self._model = error_model(*self._sections, learnt_noise)
+        self._model = error_model(self._configuration, learnt_noise)
         self._filter = filter_of(self._model, covariance)
         self._keep(stamp_ns, state)
 
@@ -240,7 +253,7 @@ class CovariancePropagation:
         position, velocity = HORIZONTAL_POSITION, HORIZONTAL_VELOCITY
         if self._model.vertical:
             position, velocity = POSITION, VELOCITY
-        every: Array = np.eye(SIZE)
+        every: Array = np.eye(self._model.size)
         left, noise = every.copy(), every[:, velocity].copy()
         left[velocity, velocity] = 0.0
         left[position] -= held.time * every[velocity]
@@ -264,7 +277,7 @@ class CovariancePropagation:
             rad², what the accelerometers' biases as of the parameters do to it included.
         """
         c, s = azimuth(self._state)
-        turn = np.eye(SOLUTION_SIZE)
+        turn = np.eye(len(self._model.solution_rows))
         for pair in (HORIZONTAL_POSITION, HORIZONTAL_VELOCITY, TILT):
             turn[pair, pair] = [[c, -s], [s, c]]
         p = turn @ self.covariance @ turn.T
@@ -325,5 +338,8 @@ def _replaced(p: Array, joint: Array) -> Array:
     """
     old = p[SENSED, SENSED] + np.diag(_REGULAR * p.diagonal()[SENSED] + _NOTHING)
     share, axes = eigh(joint, old)
-    common = p[MOTION, SENSED] @ (axes * np.minimum(share, 1.0)) @ axes.T @ old
-    return np.block([[p[MOTION, MOTION], common], [common.T, joint]])
+    replaced = p.copy()
+    rest = np.r_[MOTION, SENSED.stop : len(p)]
+    common = p[rest, SENSED] @ (axes * np.minimum(share, 1.0)) @ axes.T @ old
+    replaced[SENSED, SENSED], replaced[rest, SENSED], replaced[SENSED, rest] = joint, common, common.T
+    return replaced

@@ -16,12 +16,12 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from ins_nav.estimation.error_model import Array, ErrorModel, SlowState, Vector, rotation_matrix
+from ins_nav.estimation.error_model import Array, ErrorModel, Vector, rotation_matrix
 from ins_nav.estimation.innovation_gate import GATE, PATIENCE, Track, limit, line
 from ins_nav.estimation.observation import Measurement, Solution, Update
+from ins_nav.estimation.slow_state import SlowState
 from ins_nav.estimation.state_layout import (
     ATTITUDE,
-    BIASES,
     COSINE,
     HEADING,
     HORIZONTAL_POSITION,
@@ -62,7 +62,7 @@ class ErrorFilter:
     Attributes
     ----------
     layout : StateLayout
-        The states of aids follow those that every filter has.
+        Those of the model's further errors of the IMU, then those of aids, follow the states that every filter has.
     x : ndarray, shape (n,)
         Estimated errors not fed back yet; zero after `feed_back` but for the cosine of an unknown heading.
     p : ndarray, shape (n, n)
@@ -81,7 +81,9 @@ class ErrorFilter:
     ) -> None:
         self.model = model
         own = [state for states in (aids or {}).values() for state in states]
-        self.layout = StateLayout({name: len(states) for name, states in (aids or {}).items()})
+        sizes = {name: len(states) for name, states in (aids or {}).items()}
+        self.layout = StateLayout(model.imu_errors.sizes | sizes)
+        self._considered = SIZE + np.flatnonzero(model.imu_errors.considered)
         size = self.layout.size
         self.x: Array = np.zeros(size)
         self.values: Array = np.zeros(size)
@@ -92,8 +94,8 @@ class ErrorFilter:
         diagonal[VELOCITY] = np.square(velocity_stddev)
         if not model.vertical:
             diagonal[VERTICAL_VELOCITY] = 0.0
-        diagonal[BIASES] = [s.stddev**2 for s in model.slow]
-        diagonal[SIZE:] = [s.stddev**2 for s in own]
+        diagonal[model.slow_rows] = [s.stddev**2 for s in model.slow]
+        diagonal[model.size :] = [s.stddev**2 for s in own]
         self.p[ATTITUDE, ATTITUDE] = attitude_covariance
         if self.p[HEADING, HEADING] > _SMALL**2:
             self._open_heading()
@@ -106,7 +108,7 @@ class ErrorFilter:
     def own(self, *aids: str) -> Array:
         """The own states in use of aids, one after the other; of those that have none, none."""
         columns = self.layout.columns(*aids)
-        values: Array = self.values[columns] + self._start[columns - SIZE]
+        values: Array = self.values[columns] + self._start[columns - self.model.size]
         return values
 
     def own_covariance(self, *aids: str) -> Array:
@@ -163,12 +165,12 @@ class ErrorFilter:
         variance = self.p.diagonal()[HORIZONTAL_VELOCITY].sum()
         left = variance if travels else max(0.0, after[4] ** 2 + after[5] ** 2 - variance)
         np.einsum("ii->i", half)[HORIZONTAL_POSITION] += 0.5 * duration * _SURGE * self.turn * left
-        size = len(self.x)
-        if size > SIZE:
+        size, aids = len(self.x), self.model.size
+        if size > aids:
             full, more = np.zeros((size, size)), np.zeros((size, size))
-            full[:SIZE, :SIZE], more[:SIZE, :SIZE] = core, half
-            full[SIZE:, SIZE:] = self._own_transition(duration)
-            np.einsum("ii->i", more)[SIZE:] = (0.5 * duration) * self._own_walk
+            full[:aids, :aids], more[:aids, :aids] = core, half
+            full[aids:, aids:] = self._own_transition(duration)
+            np.einsum("ii->i", more)[aids:] = (0.5 * duration) * self._own_walk
             core, half = full, more
         p = core @ (self.p + half) @ core.T
         p += half
@@ -177,8 +179,9 @@ class ErrorFilter:
         if self.p[COSINE, COSINE] == 0.0 and self.p[HEADING, HEADING] > 4.0 * _SMALL**2:
             self._open_heading()
         if self._relaxes:  # the value in use stays: what is true tends to the one at the start
-            self.x[BIASES] += (1.0 - core.diagonal()[BIASES]) * self.values[BIASES]
-            self.x[SIZE:] += self.values[SIZE:] - core[SIZE:, SIZE:] @ self.values[SIZE:]
+            slow = self.model.slow_rows
+            self.x[slow] += (1.0 - core.diagonal()[slow]) * self.values[slow]
+            self.x[aids:] += self.values[aids:] - core[aids:, aids:] @ self.values[aids:]
 
     def disturb(self, attitude_stddev: float, velocity_stddev: float, position_stddev: float) -> None:
         """The solution may be wrong by so much more, each axis: rad, m/s, m."""
@@ -274,7 +277,8 @@ class ErrorFilter:
         return Update(aid, stamp_ns, tuple(residual.tolist()), sigma, ratio, True, reason, factor)
 
     def _take(self, gain: Array, h: Array, r: Array, residual: Array) -> None:
-        """Joseph's form."""
+        """Joseph's form, which holds for any gain: that of states that are considered only is zero."""
+        gain[self._considered] = 0.0
         self.x = self.x + gain @ residual
         left = -gain @ h
         np.einsum("ii->i", left)[:] += 1.0

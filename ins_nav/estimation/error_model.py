@@ -8,6 +8,7 @@ Error state, computed less true, on the axes n of the computed solution (free az
     gyro bias             in use less true, body, rad/s
     accel bias            in use less true, body, m/s²
     cosine         kappa  1 - cos(heading error)
+    errors of the IMU     in use less true (scale factors, misalignments ...), optional blocks
     states of aids        in use less true (log scale, range bias ...)
 
 `ins_nav.estimation.state_layout` has their indices.
@@ -35,6 +36,9 @@ C = rot_nb, d the errors of the sensors, all on n::
 Attitude is relative to the local vertical of the computed position (`strapdown.corrected`): a correction of position
 alone, however large, leaves level and heading alone.
 
+An optional block acts through the columns of the biases (`ins_nav.estimation.imu_error`), with the mean reading of the
+IMU between the two states, which these two give (`mean_reading`).
+
 References
 ----------
 .. [1] Vavilova, Golovan, Kozlov, Papusha, fine alignment of an AUV's INS on a rocking base: the 7 states.
@@ -44,11 +48,12 @@ References
 """
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ins_nav.estimation.imu_error import ImuErrors
+from ins_nav.estimation.slow_state import ABSENT, SlowState
 from ins_nav.estimation.state_layout import (
     ACCEL_BIAS,
     ATTITUDE,
@@ -60,47 +65,25 @@ from ins_nav.estimation.state_layout import (
     NAVIGATION,
     POSITION,
     SIZE,
+    SOLUTION,
     TILT,
     VELOCITY,
     VERTICAL_VELOCITY,
 )
 from ins_nav.mechanization import nav_state
 from ins_nav.mechanization.attitude import Quaternion, conjugate, from_rotation_vector, multiply, rotate
-from ins_nav.mechanization.earth import ECCENTRICITY_SQUARED, RATE, SEMI_MAJOR_AXIS, normal_gravity, principal_radii
+from ins_nav.mechanization.earth import (
+    ECCENTRICITY_SQUARED,
+    NORTH_GRAVITY_PER_METRE,
+    RATE,
+    SEMI_MAJOR_AXIS,
+    normal_gravity,
+    principal_radii,
+)
 from ins_nav.mechanization.nav_state import NavState
 
 Array = NDArray[np.float64]
 Vector = tuple[float, float, float]
-
-
-@dataclass(frozen=True)
-class SlowState:
-    """A quantity that is constant, walks at random, is a first-order Gauss-Markov process, or the integral of another.
-
-    Attributes
-    ----------
-    stddev : float
-        At the start; 0 with ``walk`` 0 leaves the state out.
-    walk : float
-        Intensity of its random walk, unit / √s.
-    correlation_time : float
-        s; infinity for a random walk or a constant. Otherwise it tends to the value it has at the start of the
-        filter, and its stationary deviation from it is ``walk * sqrt(correlation_time / 2)``.
-    value : float
-        At the start, of an aid's state.
-    derivative : int
-        How many places further on among the aid's states its derivative is; 0: it has none.
-    """
-
-    stddev: float = 0.0
-    walk: float = 0.0
-    correlation_time: float = math.inf
-    value: float = 0.0
-    derivative: int = 0
-
-
-ABSENT = SlowState()
-"""No such error."""
 
 
 class ErrorModel:
@@ -119,11 +102,21 @@ class ErrorModel:
         Each axis, rad/s and m/s².
     height_walk : float
         Intensity, m/√s, of the random walk of height where there is no vertical channel.
+    imu_errors : ImuErrors, optional
+        Further errors of the IMU; default: none.
 
     Attributes
     ----------
     white_noise : 2 floats
         ``gyro_noise`` and ``accel_noise``.
+    size : int
+        Number of states, without those of aids.
+    slow : tuple of SlowState
+        Biases, then the states of ``imu_errors``.
+    slow_rows : ndarray of int
+        Their indices.
+    solution_rows : ndarray of int
+        Of all states but the cosine: those of a solution's covariance for people.
     """
 
     def __init__(
@@ -135,24 +128,29 @@ class ErrorModel:
         gyro_bias: SlowState = ABSENT,
         accel_bias: SlowState = ABSENT,
         height_walk: float = 0.0,
+        imu_errors: ImuErrors | None = None,
     ) -> None:
         self.vertical = vertical
         self.white_noise = gyro_noise, accel_noise
-        self.slow = (gyro_bias,) * 3 + (accel_bias,) * 3
+        self.imu_errors = ImuErrors() if imu_errors is None else imu_errors
+        self.size = size = SIZE + self.imu_errors.size
+        self.slow = (gyro_bias,) * 3 + (accel_bias,) * 3 + self.imu_errors.states
+        self.slow_rows = np.r_[BIASES, SIZE:size]
+        self.solution_rows = np.r_[SOLUTION, SIZE:size]
         self._gyro_intensity = gyro_noise**2
-        self._intensity: Array = np.zeros((SIZE, SIZE))
+        self._intensity: Array = np.zeros((size, size))
         diagonal = np.einsum("ii->i", self._intensity)
         diagonal[HEIGHT] = 0.0 if vertical else height_walk**2
         diagonal[VELOCITY] = accel_noise**2
         diagonal[ATTITUDE] = gyro_noise**2
-        diagonal[BIASES] = [s.walk**2 for s in self.slow]
-        self._slow_rates: Array = np.zeros((SIZE, SIZE))
-        np.einsum("ii->i", self._slow_rates)[BIASES] = [-1.0 / s.correlation_time for s in self.slow]
+        diagonal[self.slow_rows] = [s.walk**2 for s in self.slow]
+        self._slow_rates: Array = np.zeros((size, size))
+        np.einsum("ii->i", self._slow_rates)[self.slow_rows] = [-1.0 / s.correlation_time for s in self.slow]
         if not vertical:
             diagonal[VERTICAL_VELOCITY] = 0.0
 
     def transition(self, before: NavState, after: NavState, duration: float, travels: bool = True) -> Array:
-        """Transition matrix from one state to a later one, shape (SIZE, SIZE).
+        """Transition matrix from one state to a later one, shape (size, size).
 
         Series to the second power of the rates at the mean of both ends. Nothing in it moves faster than the base
         turns: what rocking, 5° with 5 s, does within 0.1 s changes the columns of the biases by 1e-5.
@@ -166,8 +164,12 @@ class ErrorModel:
             The velocity is one; otherwise it is an error of the solution, and heading does not act through it
             (`ErrorFilter`).
         """
+        rates = _rates(before, after, self.vertical, travels)
         a = self._slow_rates * duration
-        a[NAVIGATION] = duration * _rates(before, after, self.vertical, travels)
+        a[NAVIGATION, :SIZE] = duration * rates
+        if self.imu_errors.size:
+            columns = self.imu_errors.columns(mean_reading(before, after, duration))
+            a[NAVIGATION, SIZE:] = duration * (rates[:, BIASES] @ columns)
         phi: Array = a @ a
         phi *= 0.5
         phi += a
@@ -175,7 +177,7 @@ class ErrorModel:
         return phi
 
     def noise(self, before: NavState, after: NavState, duration: float) -> Array:
-        """Covariance of what the noises add within the interval, all at its middle, shape (SIZE, SIZE)."""
+        """Covariance of what the noises add within the interval, all at its middle, shape (size, size)."""
         x, y, z = (0.5 * (a + b) for a, b in zip(before[4:7], after[4:7], strict=True))
         # the turn of the velocity error's axes: gyro noise enters it as v x noise
         lever = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
@@ -199,7 +201,7 @@ class ErrorModel:
 
         Parameters
         ----------
-        x : ndarray, shape (SIZE,) or longer
+        x : ndarray, shape (size,) or longer
             Errors.
         state : NavState
         gyro_bias, accel_bias : 3 floats
@@ -228,16 +230,8 @@ class ErrorModel:
 
 def _rates(before: NavState, after: NavState, vertical: bool, travels: bool) -> Array:
     """Rows of position, velocity and attitude of the system matrix, 1/s, shape (9, SIZE)."""
-    ex, ey, ez, ew, height = after[7:]
-    r1 = 2.0 * (ex * ez - ey * ew)
-    r2 = 2.0 * (ey * ez + ex * ew)
-    r3 = 1.0 - 2.0 * (ex * ex + ey * ey)
-    meridian, prime_vertical = principal_radii(r3)
-    r_n, r_m = prime_vertical + height, meridian + height
-    k = ECCENTRICITY_SQUARED * prime_vertical / ((1.0 - ECCENTRICITY_SQUARED * r3 * r3) * r_m * r_n)
-    # curvature: turn of the vertical a metre, p = A v, transport rate J v = (-p2, p1, 0)
-    a, b, c = 1.0 / r_n + k * r1 * r1, k * r1 * r2, 1.0 / r_n + k * r2 * r2
-    g = normal_gravity(r3, height)
+    (r1, r2, r3), (a, b, c) = _axis_and_curvature(after)
+    g = normal_gravity(r3, after[11])
     u1, u2, u3 = RATE * r1, RATE * r2, RATE * r3
     v1, v2, v3 = 0.5 * (before[4] + after[4]), 0.5 * (before[5] + after[5]), 0.5 * (before[6] + after[6])
     w1, w2 = u1 - b * v1 - c * v2, u2 + a * v1 + b * v2  # of n in inertial space; its vertical component is u3
@@ -276,6 +270,51 @@ def _rates(before: NavState, after: NavState, vertical: bool, travels: bool) -> 
     if not vertical:
         rows[VERTICAL_VELOCITY] = 0.0
     return rows
+
+
+def _axis_and_curvature(state: NavState) -> tuple[Vector, Vector]:
+    """Earth's axis on n, and the curvature of the ellipsoid there.
+
+    The curvature is the turn of the vertical a metre, 1/m: p = A v with the symmetric matrix A = ((a, b), (b, c)), and
+    transport rate J v = (-p2, p1, 0).
+    """
+    ex, ey, ez, ew, height = state[7:]
+    r1 = 2.0 * (ex * ez - ey * ew)
+    r2 = 2.0 * (ey * ez + ex * ew)
+    r3 = 1.0 - 2.0 * (ex * ex + ey * ey)
+    meridian, prime_vertical = principal_radii(r3)
+    r_n, r_m = prime_vertical + height, meridian + height
+    k = ECCENTRICITY_SQUARED * prime_vertical / ((1.0 - ECCENTRICITY_SQUARED * r3 * r3) * r_m * r_n)
+    return (r1, r2, r3), (1.0 / r_n + k * r1 * r1, k * r1 * r2, 1.0 / r_n + k * r2 * r2)
+
+
+def mean_reading(before: NavState, after: NavState, duration: float) -> Array:
+    """Mean angular rate and specific force between two states of the mechanization, body, shape (6,).
+
+    Of the body in inertial space, rad/s and m/s². Where the vertical channel is not integrated, specific force is that
+    of a base without vertical acceleration.
+
+    Parameters
+    ----------
+    before, after : NavState
+        With no correction between them.
+    duration : float
+        s.
+    """
+    axis, (a, b, c) = _axis_and_curvature(after)
+    earth: Array = RATE * np.array(axis)
+    velocity = 0.5 * np.add(before[4:7], after[4:7])
+    transport = np.array([-b * velocity[0] - c * velocity[1], a * velocity[0] + b * velocity[1], 0.0])
+    x, y, z, w = multiply(conjugate(before[0:4]), after[0:4])
+    half = math.hypot(x, y, z)
+    turn = 2.0 * math.atan2(half, abs(w)) / half if half > 0.0 else 2.0
+    rot_bn: Array = np.array(_mean_rotation(before[0:4], after[0:4])).reshape(3, 3).T
+    rate = np.multiply((x, y, z), math.copysign(turn, w) / duration) + rot_bn @ (earth + transport)
+    force = np.subtract(after[4:7], before[4:7]) / duration + np.cross(2.0 * earth + transport, velocity)
+    height, sin_lat = after[11], axis[2]
+    north = 2.0 * NORTH_GRAVITY_PER_METRE * height * sin_lat  # times the axis: as in `strapdown.advance`
+    force -= [north * axis[0], north * axis[1], -normal_gravity(sin_lat, height)]
+    return np.concatenate([rate, rot_bn @ force])
 
 
 def _mean_rotation(p: Quaternion, q: Quaternion) -> tuple[float, ...]:

@@ -17,9 +17,8 @@ FEEDBACK = (
     ("gyro_bias", 3),
     ("accel_bias", 3),
     ("aligned", 1),
-    ("covariance", SOLUTION_SIZE**2),
 )
-"""Parts of a feedback message, with their sizes."""
+"""Parts of a feedback message, with their sizes; a covariance follows (`covariance_propagation.covariance_of`)."""
 _UNIT = 1e-6
 """Of a unit quaternion's length."""
 
@@ -38,18 +37,23 @@ def fill_feedback(message: Any, feedback: Correction) -> None:
         float(feedback.aligned),
         *feedback.covariance.ravel().tolist(),
     ]
+    for part in message.layout.dim[len(FEEDBACK) :]:
+        part.size = part.stride = feedback.covariance.size
 
 
 def read_feedback(message: Any) -> Correction | None:
     """The same read; None where it is not one: sizes, numbers, unit quaternions, variances."""
     data = [float(x) for x in message.data]
-    if len(data) != sum(size for _, size in FEEDBACK) or not all(map(math.isfinite, data)):
+    size = math.isqrt(max(0, len(data) - sum(size for _, size in FEEDBACK)))
+    if size < SOLUTION_SIZE or not all(map(math.isfinite, data)):
         return None
     parts, at = {}, 0
-    for name, size in FEEDBACK:
-        parts[name] = tuple(data[at : at + size])
-        at += size
-    state, covariance = parts["state"], np.array(parts["covariance"]).reshape(SOLUTION_SIZE, SOLUTION_SIZE)
+    for name, length in FEEDBACK:
+        parts[name] = tuple(data[at : at + length])
+        at += length
+    if len(data) != at + size**2:
+        return None
+    state, covariance = parts["state"], np.array(data[at:]).reshape(size, size)
     off = max(abs(math.hypot(*q) - 1.0) for q in (state[0:4], state[7:11]))
     if off > _UNIT or covariance.diagonal().min() < 0.0:
         return None

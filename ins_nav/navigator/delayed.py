@@ -231,8 +231,7 @@ class DelayedNavigator(RealtimeNavigator):
 
     def _filter_from(self, covariance: Array, stamp_ns: int) -> None:
         """Start the filter at the present state; its covariance on n."""
-        known = self.configuration
-        model = covariance_propagation.error_model(known.imu, known.navigation, known.aiding, self._noise)
+        model = covariance_propagation.error_model(self.configuration, self._noise)
         own = {name: aid.states for name, aid in self._aids.items() if aid.states and aid.parameters.enabled}
         for name in self._calibrated.keys() & own.keys():
             found = self._calibrated[name]

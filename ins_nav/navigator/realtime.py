@@ -23,7 +23,7 @@ from ins_nav.alignment.initial_position import InitialPosition, Place
 from ins_nav.config import state_file
 from ins_nav.config.parameters import Value
 from ins_nav.config.sections import ImuSection
-from ins_nav.estimation.covariance_propagation import CovariancePropagation
+from ins_nav.estimation.covariance_propagation import CovariancePropagation, imu_errors
 from ins_nav.estimation.state_layout import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, HEADING, HORIZONTAL_POSITION, POSITION
 from ins_nav.event_log import ERROR, INFO, WARN, EventLog
 from ins_nav.mechanization import attitude, nav_state, strapdown
@@ -114,7 +114,7 @@ class RealtimeNavigator:
         self.stamp_ns = 0
         self.changes = self.restarts = 0
         self.stops = StopCalibration(known, self.events)
-        self.accuracy = CovariancePropagation(imu, known.navigation, known.aiding)
+        self.accuracy = CovariancePropagation(known)
         self._feedback = CorrectionQueue(self.events)
         self._history = ReplayBuffer(self._instantaneous, self._vertical)
         self._begin()
@@ -465,7 +465,7 @@ class RealtimeNavigator:
             self.gyro_bias_covariance,
             None if self._heading is None else self._heading_stddev**2,
         )
-        covariance = after_alignment(alignment, place.stddev, arm)
+        covariance = after_alignment(alignment, state, place.stddev, arm, imu_errors(self.configuration))
         self.accuracy.begin(self.stamp_ns, state, covariance, (alignment.gyro_noise, alignment.accel_noise))
         if self.map is None:  # it stays where it was when alignment is repeated
             where = nav_state.geodetic(state)

@@ -94,7 +94,7 @@ class AlignmentNode(Node):
 def feedback_message() -> Float64MultiArray:
     """An empty one; the layout names its parts."""
     message = Float64MultiArray()
-    for label, size in correction_codec.FEEDBACK:
+    for label, size in (*correction_codec.FEEDBACK, ("covariance", 0)):
         message.layout.dim.append(MultiArrayDimension(label=label, size=size, stride=size))
     return message
 

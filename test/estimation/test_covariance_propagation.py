@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from ins_nav.config.configuration import Configuration
-from ins_nav.config.sections import AidingSection, ImuSection, NavigationSection
+from ins_nav.aiding.parameters import configuration
 from ins_nav.estimation.covariance_propagation import CovariancePropagation, Held, covariance_of, error_model, filter_of
 from ins_nav.estimation.error_filter import ErrorFilter
 from ins_nav.mechanization import nav_state
@@ -198,13 +197,8 @@ def _covariance(heading: float = 0.01) -> Array:
     return np.asarray(factor @ factor.T * np.outer(sigma, sigma))
 
 
-def _sections(parameters: dict[str, object]) -> tuple[ImuSection, NavigationSection, AidingSection]:
-    given = Configuration.from_overrides(parameters)
-    return given.imu, given.navigation, given.aiding
-
-
 def _filter(covariance: Array, **parameters: object) -> ErrorFilter:
-    return filter_of(error_model(*_sections({"navigation.vertical_channel": True, **parameters}), NOISE), covariance)
+    return filter_of(error_model(configuration({"navigation.vertical_channel": True, **parameters}), NOISE), covariance)
 
 
 def test_a_filter_made_of_a_covariance_has_it() -> None:
@@ -227,14 +221,14 @@ def test_a_filter_of_an_unknown_heading(degrees: float) -> None:
 
 def test_noise_is_that_of_the_parameters_where_they_give_it() -> None:
     given: dict[str, object] = {"imu.gyro_noise_deg_per_sqrt_hour": 0.06, "imu.accel_noise_ug_per_sqrt_hz": 100.0}
-    learnt, known = (error_model(*_sections(v), NOISE).noise(STATE, STATE, 2.0) for v in ({}, given))
+    learnt, known = (error_model(configuration(v), NOISE).noise(STATE, STATE, 2.0) for v in ({}, given))
     assert learnt[6, 6] == pytest.approx(2.0 * NOISE[0] ** 2) and learnt[3, 3] == pytest.approx(2.0 * NOISE[1] ** 2)
     assert known[6, 6] == pytest.approx(2.0 * math.radians(1e-3) ** 2)
     assert known[3, 3] == pytest.approx(2.0 * (100e-6 * 9.80665) ** 2)
 
 
 def _begun(covariance: Array | None = None, **parameters: object) -> CovariancePropagation:
-    accuracy = CovariancePropagation(*_sections({"navigation.vertical_channel": True, **parameters}))
+    accuracy = CovariancePropagation(configuration({"navigation.vertical_channel": True, **parameters}))
     accuracy.begin(0, STATE, _covariance() if covariance is None else covariance, NOISE)
     return accuracy
 

@@ -8,16 +8,17 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from estimation.test_error_model import difference
 from scipy.spatial.transform import Rotation
-from test_error_model import difference
 
 from ins_nav.aiding.base import NO_STATES, Observation, OwnStates
 from ins_nav.aiding.gnss import Gnss, GnssParameters
 from ins_nav.aiding.velocity_log import LogParameters, VelocityLog
 from ins_nav.estimation.error_filter import ErrorFilter
-from ins_nav.estimation.error_model import Array, ErrorModel, SlowState
+from ins_nav.estimation.error_model import Array, ErrorModel
 from ins_nav.estimation.innovation_gate import AGREEING, PATIENCE
 from ins_nav.estimation.observation import Measurement, Update
+from ins_nav.estimation.slow_state import SlowState
 from ins_nav.estimation.state_layout import COSINE, HEADING, POSITION, SIZE, VELOCITY
 from ins_nav.mechanization import nav_state, strapdown
 from ins_nav.simulation.motion import Motion, Route, constant, sinusoid

@@ -167,7 +167,7 @@ def test_feedback_message_there_and_back() -> None:
     feedback = _followed().feedback[-1]
     out = message("std_msgs/msg/Float64MultiArray")
     correction_codec.fill_feedback(out, feedback)
-    assert len(out.data) == sum(size for _, size in correction_codec.FEEDBACK)
+    assert len(out.data) == sum(size for _, size in correction_codec.FEEDBACK) + feedback.covariance.size
     back = correction_codec.read_feedback(out)
     assert back is not None and same_feedback([back], [feedback])
 
