@@ -1,12 +1,12 @@
 # Everything runs in .venv, which is made at the first use. PYTHON=... chooses the Python for it.
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test golden bench format generate clean
+.PHONY: help setup demo test test-other golden bench format generate clean
 MAKEFLAGS += --no-print-directory
 
 RUN := PATH="$(CURDIR)/.venv/bin:$$PATH"
 
 help:  ## this list
-	@sed -n 's/^\([a-z]*\):.*## /  make \1\t/p' Makefile
+	@sed -n 's/^\([a-z-]*\):.*## /  make \1\t/p' Makefile
 
 setup:  ## make .venv, or bring it up to date (the others do this by themselves)
 	@PYTHON="$(PYTHON)" sh tools/setup.sh
@@ -20,6 +20,9 @@ test: setup  ## lint, types, tests: ARGS="..." is handed on to pytest
 	@$(RUN) mypy
 	@$(RUN) lint-imports
 	@$(RUN) python -m pytest -n 2 --dist loadgroup $(ARGS)
+
+test-other: setup  ## the tests without ROS on the other supported Pythons that are installed
+	@sh tools/test_other.sh $(ARGS)
 
 golden: setup  ## renew the digests of test/golden: ARGS="vehicle faults" some of them
 	@$(RUN) PYTHONPATH=test python -m golden.replay $(ARGS)
@@ -35,5 +38,5 @@ generate: setup  ## write config/ins.yaml and the tables of the documentation fr
 	@$(RUN) python -m ins_nav.cli.generate
 
 clean:  ## remove .venv and everything that was built
-	@rm -rf .venv build install log *.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	@rm -rf .venv .venv-* build install log *.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis
 	@find . -name __pycache__ -type d -prune -exec rm -rf {} +

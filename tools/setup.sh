@@ -1,8 +1,9 @@
 # Makes .venv with everything that demo, tests and benchmarks need. Does nothing when .venv is up to date.
 # PYTHON: the Python to use; empty: the first of the candidates below that fits.
+# VENV: another folder than .venv. EXTRAS: what to install of setup.py's extras; empty: the tests, and ROS unless sourced.
 set -eu
 cd "$(dirname "$0")/.."
-venv=.venv
+venv=${VENV:-.venv}
 fail() { echo "setup: $*" >&2; exit 1; }
 
 # The interpreter itself, not a pyenv shim nor one of an active virtual environment. Fails if it is missing or too old.
@@ -18,7 +19,7 @@ if [ -n "${PYTHON:-}" ]; then
 fi
 
 ros=${AMENT_PREFIX_PATH:+sourced}
-where="$PWD ros=$ros"
+where="$PWD ros=$ros${EXTRAS:+ extras=$EXTRAS}"
 wants=$(cat setup.py setup.cfg tools/setup.sh | cksum)
 was=$(cat "$venv/state" 2>/dev/null) || was=
 current=$(base_of "$venv/bin/python") || current=
@@ -60,7 +61,9 @@ rm -f "$venv/state"
 touch "$venv/COLCON_IGNORE" "$venv/unfinished"
 
 extras=test,jazzy
-if [ -n "$ros" ] && "$venv/bin/python" -c 'import rclpy' 2>/dev/null; then
+if [ -n "${EXTRAS:-}" ]; then
+    extras=$EXTRAS
+elif [ -n "$ros" ] && "$venv/bin/python" -c 'import rclpy' 2>/dev/null; then
     extras=test
 elif ! "$venv/bin/python" -c 'import platform, sys
 sys.exit(not (sys.version_info < (3, 14) and sys.platform == "linux" and platform.machine() == "x86_64"))'; then
