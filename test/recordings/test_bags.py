@@ -1,88 +1,24 @@
-"""Recordings in and out, whole and damaged."""
+"""Recordings in and out; parts that are missing or empty."""
 
-import signal
 import struct
 from pathlib import Path
-from unittest import mock
 
-import numpy as np
 import pytest
+from recordings_harness import FIX, IMU, START_NS, STEP_NS, imu_at, read, storage, write_bag
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import get_types_from_msg
 
-from ins_nav.errors import InsNavError, Interrupted
+from ins_nav.errors import InsNavError
 from ins_nav.recordings.bags import (
     BagError,
     BagReader,
     BagWriter,
     DamagedBagError,
     RawMessage,
-    header,
     message,
     typestore,
 )
-
-IMU = "sensor_msgs/msg/Imu"
-FIX = "sensor_msgs/msg/NavSatFix"
-START_NS = 1_700_000_000_000_000_000
-STEP_NS = 2_500_000
-
-
-def imu_at(stamp_ns: int, count: int) -> object:
-    return message(IMU, header=header(stamp_ns, "imu_link"), orientation_covariance=np.full(9, float(count)))
-
-
-def write_bag(path: Path, messages: int) -> None:
-    """400 Hz of Imu, a NavSatFix every 100; about 3000 messages make a chunk of the file."""
-    with BagWriter(path) as bag:
-        for i in range(messages):
-            stamp_ns = START_NS + i * STEP_NS
-            bag.write("imu/data_raw", IMU, imu_at(stamp_ns, i), stamp_ns)
-            if i % 100 == 0:
-                bag.write("gnss/fix", FIX, message(FIX, header=header(stamp_ns, "gnss"), latitude=0.01 * i), stamp_ns)
-
-
-def read(path: Path) -> tuple[list[RawMessage], str]:
-    """All that can be read, and what the reader says of damage."""
-    found = []
-    with BagReader(path) as bag:
-        try:
-            for raw in bag.messages():
-                found.append(raw)
-        except DamagedBagError as error:
-            return found, str(error)
-    return found, ""
-
-
-@pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("whole") / "drive"
-    write_bag(path, 9000)
-    return path
-
-
-@pytest.fixture(scope="module")
-def original(whole: Path) -> list[RawMessage]:
-    messages, damage = read(whole)
-    assert not damage
-    return messages
-
-
-@pytest.fixture(scope="module")
-def sqlite(original: list[RawMessage], tmp_path_factory: pytest.TempPathFactory) -> bytes:
-    path = tmp_path_factory.mktemp("sqlite") / "bag"
-    with Writer(path, version=9, storage_plugin=StoragePlugin.SQLITE3) as writer:
-        connections = {
-            raw.topic: writer.add_connection(raw.topic, raw.msgtype, typestore=typestore()) for raw in original[:2]
-        }
-        for raw in original:
-            writer.write(connections[raw.topic], raw.stamp_ns, raw.data)
-    return (path / "bag.db3").read_bytes()
-
-
-def storage(bag: Path) -> Path:
-    return bag / f"{bag.name}.mcap"
 
 
 def test_what_was_written_is_read(whole: Path) -> None:
@@ -221,88 +157,6 @@ class TestOtherRecorders:
 
 
 class TestDamage:
-    @pytest.mark.parametrize("with_metadata", [True, False])
-    def test_cut_off(self, whole: Path, original: list[RawMessage], tmp_path: Path, with_metadata: bool) -> None:
-        content = storage(whole).read_bytes()
-        (tmp_path / storage(whole).name).write_bytes(content[: len(content) * 6 // 10])
-        if with_metadata:
-            (tmp_path / "metadata.yaml").write_text((whole / "metadata.yaml").read_text())
-        messages, damage = read(tmp_path)
-        assert messages == original[: len(messages)]
-        # messages fill all but the index, which is 5 % of the file
-        assert 0.55 * len(original) < len(messages) < 0.65 * len(original)
-        assert "cut off at byte" in damage
-
-    def test_known_before_reading(self, whole: Path, tmp_path: Path) -> None:
-        path = tmp_path / "cut.mcap"
-        path.write_bytes(storage(whole).read_bytes()[:1_000_000])
-        with BagReader(path) as bag:
-            assert "cut off" in bag.damage
-
-    def test_only_the_end_record_missing_loses_nothing(
-        self, whole: Path, original: list[RawMessage], tmp_path: Path
-    ) -> None:
-        path = tmp_path / "cut.mcap"
-        path.write_bytes(storage(whole).read_bytes()[:-100])
-        assert read(path) == (original, "")
-
-    def test_hole_inside_a_chunk(self, whole: Path, original: list[RawMessage], tmp_path: Path) -> None:
-        content = bytearray(storage(whole).read_bytes())
-        content[len(content) // 2 : len(content) // 2 + 1000] = bytes([255]) * 1000
-        self.check_hole(content, original, tmp_path, "the chunk at byte")
-
-    def test_zeros_inside_a_chunk(self, whole: Path, original: list[RawMessage], tmp_path: Path) -> None:
-        content = bytearray(storage(whole).read_bytes())
-        content[len(content) // 2 : len(content) // 2 + 100_000] = bytes(100_000)
-        self.check_hole(content, original, tmp_path, "the chunk at byte")
-
-    def test_hole_over_a_chunks_head(self, whole: Path, original: list[RawMessage], tmp_path: Path) -> None:
-        content = bytearray(storage(whole).read_bytes())
-        a, b = len(content) * 3 // 10, len(content) * 4 // 10  # the second chunk begins at 33 %
-        content[a:b] = bytes(b - a)
-        self.check_hole(content, original, tmp_path, "unreadable from byte")
-
-    def test_damaged_compressed_chunk(self, original: list[RawMessage], tmp_path: Path) -> None:
-        writer = Writer(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.MCAP)
-        writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
-        with writer:
-            connections = {
-                raw.topic: writer.add_connection(raw.topic, raw.msgtype, typestore=typestore()) for raw in original[:2]
-            }
-            for raw in original:
-                writer.write(connections[raw.topic], raw.stamp_ns, raw.data)
-        content = bytearray(storage(tmp_path / "bag").read_bytes())
-        second = content.index(b"\x28\xb5\x2f\xfd", content.index(b"\x28\xb5\x2f\xfd") + 1)
-        content[second + 1000 : second + 1100] = bytes(100)
-        self.check_hole(content, original, tmp_path, "is damaged and left out")
-
-    def check_hole(self, content: bytearray, original: list[RawMessage], folder: Path, expected: str) -> None:
-        path = folder / "hole.mcap"
-        path.write_bytes(content)
-        messages, damage = read(path)
-        assert expected in damage
-        assert messages[0] == original[0]
-        assert messages[-1] == original[-1]  # what lies behind the hole is there
-        # one chunk of three at most is gone, and the message across which the hole begins is not detectable
-        assert len(original) * 0.5 < len(messages) < len(original)
-        assert len(set(messages) - set(original)) <= 1
-
-    def test_sqlite_cut_off(self, sqlite: bytes, original: list[RawMessage], tmp_path: Path) -> None:
-        (tmp_path / "cut.db3").write_bytes(sqlite[: len(sqlite) * 8 // 10])
-        messages, damage = read(tmp_path)
-        assert messages == original[: len(messages)]
-        assert 0.7 * len(original) < len(messages) < 0.85 * len(original)  # messages fill nearly all pages, evenly
-        assert "cut off at byte" in damage
-
-    def test_hole_in_sqlite(self, sqlite: bytes, original: list[RawMessage], tmp_path: Path) -> None:
-        middle = len(sqlite) // 2
-        (tmp_path / "hole.db3").write_bytes(sqlite[:middle] + bytes([255]) * 8192 + sqlite[middle + 8192 :])
-        messages, damage = read(tmp_path)
-        assert set(messages) <= set(original)
-        assert [raw.stamp_ns for raw in messages] == sorted(raw.stamp_ns for raw in messages)
-        assert len(messages) > len(original) - 100  # 8 kB hold some 24 of them
-        assert "malformed" in damage
-
     def test_empty_part(self, whole: Path, original: list[RawMessage], tmp_path: Path) -> None:
         """A recorder killed just after it began the next file of a split recording."""
         (tmp_path / "drive_0.mcap").write_bytes(storage(whole).read_bytes())
@@ -403,33 +257,6 @@ class TestWriter:
         messages, damage = read(tmp_path / "bag")
         assert len(messages) == 1
         assert not damage
-
-    @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-    def test_a_signal_waits_until_the_message_is_complete(self, tmp_path: Path, number: int) -> None:
-        """The handler is called in the middle of the writer's own work, of which it sees nothing."""
-        written = []
-
-        def handle(received: int, _frame: object) -> None:
-            written.append(bag._writer.counts.copy())
-            raise Interrupted(received)
-
-        before = signal.signal(number, handle)
-        try:
-            with pytest.raises(Interrupted), BagWriter(tmp_path / "bag") as bag:
-                original = bag._writer.storage.write
-
-                def write(*arguments: object) -> None:
-                    signal.raise_signal(number)
-                    original(*arguments)
-
-                with mock.patch.object(bag._writer.storage, "write", write):
-                    bag.write("imu/data", IMU, message(IMU), START_NS)
-            assert signal.getsignal(number) is handle
-        finally:
-            signal.signal(number, before)
-        assert [list(counts.values()) for counts in written] == [[1]]
-        messages, damage = read(tmp_path / "bag")
-        assert len(messages) == 1 and not damage and (tmp_path / "bag" / "metadata.yaml").exists()
 
     def test_misuse_is_told(self, tmp_path: Path) -> None:
         with BagWriter(tmp_path / "bag") as bag:
