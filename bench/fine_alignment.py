@@ -19,13 +19,14 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2, qmc
 
 from bench.markdown import table
+from ins_nav.aiding.gnss import GnssReceiver
+from ins_nav.aiding.simulated import fix_message
 from ins_nav.config.parameters import read_file
 from ins_nav.estimation.error_model import azimuth
 from ins_nav.mechanization import earth, nav_state
 from ins_nav.navigator.delayed import DelayedNavigator
-from ins_nav.simulation.messages import nav_sat_fix
+from ins_nav.recordings.bags import message
 from ins_nav.simulation.scenarios import Simulation, simulate
-from ins_nav.simulation.sensors import GnssReceiver
 
 Array = NDArray[np.float64]
 SEEDS, MOST_SEEDS = 100, 1024
@@ -173,7 +174,7 @@ def _run(case: Case, seed: int) -> Array:
     samples = np.column_stack([rates, forces]).tolist()
     for stamp_ns, sample in zip(simulation.stamps_ns.tolist(), samples, strict=True):
         while fix_ns <= stamp_ns:
-            navigator.add("gnss/fix", nav_sat_fix(fix_ns, 0, place[0], place[1], place[2], covariance))
+            navigator.add("gnss/fix", fix_message(message, fix_ns, 0, place[0], place[1], place[2], covariance))
             fix_ns, place = next(pending)
         navigator.add_imu(stamp_ns, *sample)
         navigator.drain()

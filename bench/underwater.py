@@ -74,7 +74,7 @@ class Dive:
 
 def _surfaced(simulation: Simulation) -> float:
     """Time of the first fix after the dive, s."""
-    stamps = simulation.aids.fixes.stamps_ns
+    stamps = simulation.aids["gnss/fix"].stamps_ns
     return float(stamps[int(np.argmax(np.diff(stamps))) + 1] - simulation.start_ns) * 1e-9
 
 
@@ -100,7 +100,7 @@ def _surfacing(run: Run, jump: float) -> list[float]:
     run.until(float(simulation.trajectory.time[-1]) - LAG, 0.5)
     rows = np.array(run.rows[before:])
     away = np.hypot(rows[:, EAST] - jump, rows[:, NORTH])
-    fixes = (simulation.aids.fixes.stamps_ns - simulation.start_ns) * 1e-9
+    fixes = (simulation.aids["gnss/fix"].stamps_ns - simulation.start_ns) * 1e-9
     epochs = np.searchsorted(fixes, rows[:, TIME], side="right") - np.searchsorted(fixes, last[TIME], side="right")
     near = int(np.argmax(away < _NEAR)) if (away < _NEAR).any() else len(away) - 1
     return [math.hypot(last[EAST] - jump, last[NORTH]), float(epochs[near]), float(away[near:].max())]
@@ -194,7 +194,7 @@ def run_calibration(motion: Given, seeds: Sequence[int]) -> list[Array]:
         simulation = noiseless(motion).redrawn(seed, **constants)
         run = Run(simulation, told(scale, angle), _NO_RANGES).until(float(simulation.trajectory.time[-1]) - LAG)
         own = np.array(run.navigator.own_states("log"))
-        own[:, 0] -= [simulation.aids.log.scale, *simulation.aids.log.misalignment]
+        own[:, 0] -= [simulation.aids["log"].scale, *simulation.aids["log"].misalignment]
         found.append(own)
     return found
 

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -142,13 +143,14 @@ def _start(prior: Prior) -> Array:
 def _readings(simulation: Simulation, ranges: bool) -> dict[int, list[tuple[str, int]]]:
     """Name and number of the readings at each instant of the trajectory."""
     aids, rate = simulation.aids, simulation.parameters["rate"]
-    stamps = {"fix": aids.fixes.stamps_ns, "depth": aids.depth.stamps_ns}
-    stamps["log"] = aids.log.stamps_ns[np.isfinite(aids.log.velocity).all(axis=1)]
-    if ranges and aids.ranges:
-        name = next(iter(aids.ranges))
-        stamps["range"] = aids.ranges[name].beacon.stamps_ns  # of the instants they are for
-        if name in aids.beacon_fixes:
-            stamps["beacon"] = aids.beacon_fixes[name].stamps_ns
+    stamps = {"fix": aids["gnss/fix"].stamps_ns, "depth": aids["depth"].stamps_ns}
+    stamps["log"] = aids["log"].stamps_ns[np.isfinite(aids["log"].velocity).all(axis=1)]
+    ranged = [topic for topic in aids if topic.startswith("range/")]
+    if ranges and ranged:
+        fixes = f"beacon/{ranged[0].partition('/')[2]}/fix"
+        stamps["range"] = aids[ranged[0]].beacon.stamps_ns  # of the instants they are for
+        if fixes in aids:
+            stamps["beacon"] = aids[fixes].stamps_ns
     found: dict[int, list[tuple[str, int]]] = {}
     for kind, values in stamps.items():
         for number, instant in enumerate(np.rint((values - simulation.start_ns) * 1e-9 * rate).astype(int).tolist()):
@@ -159,13 +161,13 @@ def _readings(simulation: Simulation, ranges: bool) -> dict[int, list[tuple[str,
 
 
 def _fix(simulation: Simulation, _i: int, _index: int, rot: Array) -> tuple[Array, Array]:
-    return _place(rot, simulation.parameters["gnss.lever_arm"]), np.square(simulation.aids.fixes.stddev)
+    return _place(rot, simulation.parameters["gnss.lever_arm"]), np.square(simulation.aids["gnss/fix"].stddev)
 
 
 def _depth(simulation: Simulation, _i: int, _index: int, rot: Array) -> tuple[Array, Array]:
     h = _place(rot, simulation.parameters["depth.lever_arm"])[2:]
     h[0, _SURFACE] = -1.0
-    return h, np.array([simulation.aids.depth.stddev**2])
+    return h, np.array([simulation.aids["depth"].stddev ** 2])
 
 
 def _log(simulation: Simulation, i: int, index: int, rot: Array) -> tuple[Array, Array]:
@@ -175,11 +177,11 @@ def _log(simulation: Simulation, i: int, index: int, rot: Array) -> tuple[Array,
     body = rot.T @ path.velocity_n[i] + np.cross(path.rate[i] - spin, arm)
     h[:, _VELOCITY], h[:, _PSI], h[:, _GYRO] = rot.T, -rot.T @ _cross(path.velocity_n[i]), -_cross(arm)
     h[:, _LOG] = np.column_stack([body, np.cross([0.0, 1.0, 0.0], body), np.cross([0.0, 0.0, 1.0], body)])
-    return h, np.full(3, simulation.aids.log.stddev[index] ** 2)
+    return h, np.full(3, simulation.aids["log"].stddev[index] ** 2)
 
 
 def _range(simulation: Simulation, i: int, index: int, rot: Array) -> tuple[Array, Array]:
-    path, readings = simulation.trajectory, next(iter(simulation.aids.ranges.values()))
+    path, readings = simulation.trajectory, _first(simulation, "range/")
     arm = simulation.parameters["range.lever_arm"]
     there = readings.beacon
     place = earth.geodetic_to_ecef(there.lat[index], there.lon[index], there.height[index])
@@ -192,7 +194,12 @@ def _range(simulation: Simulation, i: int, index: int, rot: Array) -> tuple[Arra
 
 
 def _beacon(simulation: Simulation, _i: int, _index: int, _rot: Array) -> tuple[Array, Array]:
-    return np.eye(3, _SIZE, _BEACON.start), np.square(next(iter(simulation.aids.beacon_fixes.values())).stddev)
+    return np.eye(3, _SIZE, _BEACON.start), np.square(_first(simulation, "beacon/").stddev)
+
+
+def _first(simulation: Simulation, prefix: str) -> Any:
+    """Readings of the first aid of that prefix."""
+    return next(readings for topic, readings in simulation.aids.items() if topic.startswith(prefix))
 
 
 _MODELS = {"fix": _fix, "depth": _depth, "log": _log, "range": _range, "beacon": _beacon}

@@ -14,11 +14,14 @@ from numpy.typing import NDArray
 from scipy.stats import qmc
 
 from bench.underwater_bound import Prior
+from ins_nav.aiding.acoustic_range import range_message
+from ins_nav.aiding.depth import depth_message
+from ins_nav.aiding.simulated import fix_message, velocity_message
 from ins_nav.config.parameters import read_file
 from ins_nav.estimation.error_model import azimuth
 from ins_nav.mechanization import earth, nav_state, strapdown
 from ins_nav.navigator.delayed import DelayedNavigator
-from ins_nav.simulation import messages as sensor_messages
+from ins_nav.recordings.bags import message
 from ins_nav.simulation.scenarios import Simulation, simulate
 from ins_nav.simulation.sensors import PRESETS
 from ins_nav.stop_detection.detector import Change
@@ -144,31 +147,36 @@ def messages(simulation: Simulation, skip: Sequence[str] = ()) -> list[Message]:
     def diagonal(stddev: Sequence[float]) -> tuple[float, ...]:
         return tuple(np.diag(np.square(stddev)).ravel().tolist())
 
-    fixes = [aids.fixes, *aids.beacon_fixes.values()]
-    names: list[tuple[Any, ...]] = [(), *((name,) for name in aids.beacon_fixes)]
+    floating = {topic.split("/")[1]: fixes for topic, fixes in aids.items() if topic.startswith("beacon/")}
+    fixes = [aids["gnss/fix"], *floating.values()]
+    names: list[tuple[Any, ...]] = [(), *((name,) for name in floating)]
     for fix, name in zip(fixes, names, strict=True):
         places = np.column_stack([np.degrees(fix.lat), np.degrees(fix.lon), fix.height]).tolist()
         covariance = diagonal(fix.stddev)
         add("beacon" if name else "fix", fix.stamps_ns, [(*name, 0, *place, covariance) for place in places])
-    log = aids.log
+    log = aids["log"]
     velocities = zip(log.velocity.tolist(), log.stddev.tolist(), strict=True)
     add("log", log.stamps_ns, [(tuple(velocity), diagonal([stddev] * 3)) for velocity, stddev in velocities])
-    add("depth", aids.depth.stamps_ns, [(depth, aids.depth.stddev**2) for depth in aids.depth.value.tolist()])
-    for beacon, ranges in aids.ranges.items():
-        add("range", ranges.stamps_ns, [(beacon, x, ranges.stddev**2) for x in ranges.distance.tolist()])
-    return list(heapq.merge(*streams, key=lambda message: message[0]))
+    add(
+        "depth", aids["depth"].stamps_ns, [(depth, aids["depth"].stddev ** 2) for depth in aids["depth"].value.tolist()]
+    )
+    for topic, ranges in aids.items():
+        prefix, _, beacon = topic.partition("/")
+        if prefix == "range":
+            add("range", ranges.stamps_ns, [(beacon, x, ranges.stddev**2) for x in ranges.distance.tolist()])
+    return list(heapq.merge(*streams, key=lambda item: item[0]))
 
 
 def _message(stamp_ns: int, name: str, values: tuple[Any, ...]) -> tuple[str, Any]:
     """Topic and message."""
     if name == "fix":
-        return "gnss/fix", sensor_messages.nav_sat_fix(stamp_ns, *values)
+        return "gnss/fix", fix_message(message, stamp_ns, *values)
     if name == "beacon":
-        return f"beacon/{values[0]}/fix", sensor_messages.nav_sat_fix(stamp_ns, *values[1:])
+        return f"beacon/{values[0]}/fix", fix_message(message, stamp_ns, *values[1:])
     if name == "range":
-        return f"range/{values[0]}", sensor_messages.acoustic_range(stamp_ns, *values[1:])
-    make = sensor_messages.twist if name == "log" else sensor_messages.depth_pose
-    return name, make(stamp_ns, *values)
+        return f"range/{values[0]}", range_message(message, stamp_ns, *values[1:])
+    make = velocity_message if name == "log" else depth_message
+    return name, make(message, stamp_ns, *values)
 
 
 @functools.lru_cache(1)

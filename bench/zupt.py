@@ -22,11 +22,12 @@ from scipy.spatial.transform import Rotation
 from bench.markdown import table
 from bench.zupt_bound import Span, bound
 from bench.zupt_recordings import recordings
+from ins_nav.aiding.simulated import fix_message
 from ins_nav.config.parameters import read_file
 from ins_nav.errors import InsNavError
 from ins_nav.mechanization import earth, nav_state
 from ins_nav.navigator.realtime import RealtimeNavigator
-from ins_nav.simulation.messages import nav_sat_fix
+from ins_nav.recordings.bags import message
 from ins_nav.simulation.scenarios import Simulation, simulate
 from ins_nav.zupt.calibration import SETTLE_NS
 from ins_nav.zupt.stationary_rates import StationaryRates, StationaryRatesResult
@@ -87,7 +88,7 @@ def navigate(
         rates = rates + GYRO_NOISE * root * noise.standard_normal(rates.shape)
         forces = forces + ACCEL_NOISE * root * noise.standard_normal(forces.shape)
     navigator = RealtimeNavigator(overrides)
-    navigator.add("gnss/fix", nav_sat_fix(simulation.start_ns, 0, p["lat_deg"], p["lon_deg"], p["height"]))
+    navigator.add("gnss/fix", fix_message(message, simulation.start_ns, 0, p["lat_deg"], p["lon_deg"], p["height"]))
     stamps, samples = simulation.stamps_ns.tolist(), np.column_stack([rates, forces]).tolist()
     done = 0
     for time, service in calls:

@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from bench.zupt import ACCEL_NOISE, GYRO_NOISE, PAPER_CALL, paper_overrides
+from ins_nav.aiding.simulated import fix_message
 from ins_nav.mechanization import nav_state
 from ins_nav.navigator.realtime import RealtimeNavigator
+from ins_nav.recordings.bags import message
 from ins_nav.report.figures import save
-from ins_nav.simulation.messages import nav_sat_fix
 from ins_nav.simulation.scenarios import Simulation, simulate
 from ins_nav.zupt.stationary_rates import MIN_DURATION, StationaryRates
 from ins_nav.zupt.zupt_equations import zupt2
@@ -78,7 +79,7 @@ def _errors(s: Simulation, call: bool) -> tuple[Array, Array]:
     """Times, and rows of attitude error about east, north, up, arc seconds, and velocity east, north, mm/s."""
     navigator = RealtimeNavigator(paper_overrides())
     p = s.parameters
-    navigator.add("gnss/fix", nav_sat_fix(s.start_ns, 0, p["lat_deg"], p["lon_deg"], p["height"]))
+    navigator.add("gnss/fix", fix_message(message, s.start_ns, 0, p["lat_deg"], p["lon_deg"], p["height"]))
     samples = np.column_stack([s.angular_velocity, s.linear_acceleration]).tolist()
     times, rows = [], []
     for i, (stamp, sample) in enumerate(zip(s.stamps_ns.tolist(), samples, strict=True), 1):

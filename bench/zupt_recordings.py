@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.markdown import table
-from ins_nav.cli.process import Calls, feed, input_topics
+from ins_nav.cli.process import Calls, feed, input_topics, input_types
 from ins_nav.config.declaration import DEG_PER_HOUR
 from ins_nav.mechanization import nav_state, strapdown
 from ins_nav.mechanization.nav_state import NavState
@@ -87,7 +87,7 @@ def go(bag: Path, way: Way) -> Journey:
     states: list[tuple[int, NavState]] = []
     stopped, since = False, 0
     with BagReader(bag) as reader:
-        names = input_topics(reader, {})
+        names = input_topics(reader, {}, input_types(navigator.configuration.values))
         for raw in reader.messages(names):
             new = feed(navigator, names[raw.topic], reader.deserialize(raw))
             if calls is not None:

@@ -73,7 +73,10 @@ def figure(mission: Mission, result: Track, reference: Track, comparison: Compar
 def _track(axes: Axes, mission: Mission, result: Track, reference: Track) -> None:
     """East and north, with the way of every beacon and some of the ranges to it."""
     truth = local(reference.position, mission)
-    for name, ranges in mission.simulation.aids.ranges.items():
+    for topic, ranges in mission.simulation.aids.items():
+        prefix, _, name = topic.partition("/")
+        if prefix != "range":
+            continue
         at = ranges.beacon
         there = local(Positions(at.stamps_ns, at.lat, at.lon, at.height, np.empty(0)), mission)
         here = interpolated(reference.position.stamps_ns, truth, ranges.stamps_ns)

@@ -1,16 +1,22 @@
 """Messages of aids from plain numbers, by short names, for tests that feed navigators."""
 
+from functools import partial
 from typing import Any
 
+from ins_nav.aiding.acoustic_range import range_message
+from ins_nav.aiding.depth import depth_message
+from ins_nav.aiding.pressure import pressure_message
+from ins_nav.aiding.simulated import fix_message, velocity_message
 from ins_nav.navigator.realtime import RealtimeNavigator
-from ins_nav.simulation import messages
+from ins_nav.recordings.bags import message
 
+FIX, RANGE = partial(fix_message, message), partial(range_message, message)
 MESSAGES: dict[str, tuple[str, Any]] = {
-    "fix": ("gnss/fix", messages.nav_sat_fix),
-    "velocity": ("gnss/velocity", messages.twist),
-    "log": ("log", messages.twist),
-    "depth": ("depth", messages.depth_pose),
-    "pressure": ("pressure", messages.fluid_pressure),
+    "fix": ("gnss/fix", FIX),
+    "velocity": ("gnss/velocity", partial(velocity_message, message)),
+    "log": ("log", partial(velocity_message, message)),
+    "depth": ("depth", partial(depth_message, message)),
+    "pressure": ("pressure", partial(pressure_message, message)),
 }
 """Topic, and what makes a message of stamp, value and covariance."""
 
@@ -18,9 +24,9 @@ MESSAGES: dict[str, tuple[str, Any]] = {
 def add(navigator: RealtimeNavigator, kind: str, stamp_ns: int, *values: Any) -> None:
     """Give a message of one of `MESSAGES`, or of "range" or "beacon" with the beacon's name first, to a navigator."""
     if kind == "range":
-        navigator.add(f"range/{values[0]}", messages.acoustic_range(stamp_ns, *values[1:]))
+        navigator.add(f"range/{values[0]}", RANGE(stamp_ns, *values[1:]))
     elif kind == "beacon":
-        navigator.add(f"beacon/{values[0]}/fix", messages.nav_sat_fix(stamp_ns, *values[1:]))
+        navigator.add(f"beacon/{values[0]}/fix", FIX(stamp_ns, *values[1:]))
     else:
         topic, make = MESSAGES[kind]
         navigator.add(topic, make(stamp_ns, *values))

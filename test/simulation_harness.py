@@ -2,11 +2,12 @@
 
 import functools
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
-from ins_nav.simulation.aids import SimulatedAids, measure_aids
+from ins_nav.simulation.aids import measure_aids
 from ins_nav.simulation.motion import Motion, Route, constant, sinusoid
 from ins_nav.simulation.parameters import SHARED, resolved
 from ins_nav.simulation.scenarios import START_NS
@@ -57,10 +58,19 @@ def path() -> Trajectory:
     return swimmer().trajectory(20.0)
 
 
-def measure(seed: int = 0, trajectory: Trajectory | None = None, **changes: Any) -> SimulatedAids:
+def measure(seed: int = 0, trajectory: Trajectory | None = None, **changes: Any) -> Mapping[str, Any]:
     t = path() if trajectory is None else trajectory
     p = resolved("test", SHARED, {**EXACT, "rate": 1.0 / t.interval, **changes})
-    return measure_aids(p, t, START_NS + np.rint(t.time * NS).astype(np.int64), seed)
+    return measure_aids(p, t, stamps_of(t), seed)
+
+
+def stamps_of(t: Trajectory) -> np.ndarray:
+    return np.asarray(START_NS + np.rint(t.time * NS).astype(np.int64))
+
+
+def of_beacons(aids: Mapping[str, Any], prefix: str) -> set[str]:
+    """Names of the beacons with readings on topics of a prefix."""
+    return {topic.split("/")[1] for topic in aids if topic.startswith(f"{prefix}/")}
 
 
 def seconds_of(stamps_ns: np.ndarray) -> np.ndarray:

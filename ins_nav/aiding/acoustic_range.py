@@ -1,4 +1,4 @@
-"""Ranges to acoustic beacons, and the fixes of beacons that float.
+"""Ranges to acoustic beacons.
 
 A beacon is moored where its parameters say, or floats: then its place comes on a topic of its own, and place and
 velocity are states of the filter (`ins_nav.aiding.beacon`). A range is measured to where the beacon was when sound left
@@ -9,11 +9,12 @@ A range reads ``(1 + scale) distance + bias``; its own states are scale (error o
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ins_nav.aiding.base import (
     Aid,
@@ -28,25 +29,34 @@ from ins_nav.aiding.base import (
     declare_patience,
 )
 from ins_nav.aiding.beacon import Beacon
-from ins_nav.aiding.fields import no_measurement, read_fix
+from ins_nav.aiding.beacon_fix import BEACON_NAME, BeaconFix, SimulatedBeacon, fix_topic, simulated_beacons
+from ins_nav.aiding.fields import no_measurement
 from ins_nav.aiding.geometry import from_earth, set_turned
 from ins_nav.aiding.range_search import RangeSearch, uncertain
-from ins_nav.config.declaration import parameter
+from ins_nav.aiding.simulated import (
+    Fixes,
+    MakeMessage,
+    Messages,
+    Readings,
+    Stamps,
+    World,
+    header,
+    rows,
+    turned,
+)
+from ins_nav.config.declaration import Section, parameter
 from ins_nav.config.parameters import NAN, Parameter, ParameterError, Value
 from ins_nav.estimation.error_model import Array, Vector, rotation_matrix
 from ins_nav.estimation.observation import Measurement, Solution
 from ins_nav.estimation.slow_state import SlowState
 from ins_nav.estimation.state_layout import POSITION, SIZE
-from ins_nav.event_log import INFO, WARN
+from ins_nav.event_log import WARN
 from ins_nav.mechanization.attitude import rotate
 from ins_nav.mechanization.nav_state import NavState, position_ecef
 from ins_nav.stamps import NS, stamp_of
 
-_LATE = 30.0
-"""s by which a beacon's fix may be late without a fault."""
-_USELESS = 300.0
-"""m, one sigma of a beacon's way since its fix: a later fix is of no use."""
-_BEACON_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+_POSITIVE_OUTLIERS = 0.9
+"""A reflected ray is longer than the direct one; what is left is noise taken for a reply."""
 _PLACE = (
     ("latitude_deg", "latitude of the beacon, deg", 90.0),
     ("longitude_deg", "longitude of the beacon", 360.0),
@@ -83,6 +93,74 @@ class RangeParameters(AidParameters):
     )
 
 
+@dataclass(frozen=True)
+class SimulatedRanges(Section):
+    """Parameters ``range.*`` of a simulation."""
+
+    rate: float = parameter(0.0, "ranges a second to each beacon; 0: none", unit="Hz", low=0.0, high=100.0)
+    lever_arm: Vector = parameter([0.0, 0.0, 0.0], "transducer from the IMU: forward, left, up", unit="m")
+    noise_stddev: float = parameter(0.5, "white noise", unit="m", low=0.0)
+    bias: float = parameter(0.0, "what is added to every range", unit="m")
+    bias_stddev: float = parameter(0.0, "the same, drawn once a run for each beacon and added", unit="m", low=0.0)
+    scale: float = parameter(
+        0.0, "error of the sound speed: ranges are 1 + scale times the distance", low=-0.5, high=0.5
+    )
+    scale_stddev: float = parameter(0.0, "the same, drawn once a run and added", low=0.0, high=0.5)
+    outlier_share: float = parameter(0.0, "share of ranges that are wrong: nine in ten too long", low=0.0, high=1.0)
+    outlier_span: tuple[float, float] = parameter([10.0, 300.0], "by how much at least, and at most", unit="m", low=0.0)
+    max: float = parameter(5000.0, "no reply from beyond this distance", unit="m", low=0.0)
+    delay_speed: float = parameter(
+        0.0, "stamps are late by distance over this: sound speed, the reply's way; 0: not late", unit="m/s", low=0.0
+    )
+
+
+@dataclass(frozen=True)
+class RangeReadings:
+    """Slant ranges to one beacon, m of them: ``(1 + scale) distance + bias``."""
+
+    stamps_ns: Stamps
+    """Of the replies' arrival, where stamps are late; else of the instants they are for."""
+    distance: Array
+    """(m,), m."""
+    stddev: float
+    """Of the noise, m."""
+    limit: float
+    """Largest range, m."""
+    scale: float
+    """Given and drawn."""
+    bias: float
+    """Given and drawn, m."""
+    outlier: NDArray[np.bool_]
+    """(m,)."""
+    beacon: Fixes
+    """Where the beacon was, exactly, at the instants the ranges are for."""
+    message_type: str
+
+    def messages(self, make: MakeMessage) -> Messages:
+        for stamp, distance in rows(self.stamps_ns, self.distance):
+            yield stamp, range_message(make, stamp, distance, self.stddev**2, (0.0, self.limit))
+
+
+def range_message(
+    make: MakeMessage,
+    stamp_ns: int,
+    distance: float,
+    variance: float = 0.0,
+    limits: tuple[float, float] = (0.0, math.inf),
+) -> Any:
+    """sensor_msgs/Range of an acoustic range, m, its variance, m², 0: unknown, and least and greatest range."""
+    return make(
+        "sensor_msgs/msg/Range",
+        header=header(make, stamp_ns, "range_link"),
+        radiation_type=0,  # ULTRASOUND
+        field_of_view=2.0 * math.pi,
+        min_range=limits[0],
+        max_range=limits[1],
+        range=distance,
+        variance=variance,
+    )
+
+
 def beacon_names(value: object) -> list[str]:
     """Names in ``range.beacons``.
 
@@ -94,7 +172,7 @@ def beacon_names(value: object) -> list[str]:
     names = [name.strip() for name in str(value).split(",") if name.strip()]
     known = {row.name for row in RangeParameters.rows(AcousticRange.NAME)}
     for name in names:
-        if not _BEACON_NAME.fullmatch(name) or f"{AcousticRange.NAME}.{name}" in known:
+        if not BEACON_NAME.fullmatch(name) or f"{AcousticRange.NAME}.{name}" in known:
             raise ParameterError(f"parameter range.beacons: {name!r} cannot be the name of a beacon")
     if len(set(names)) < len(names):
         raise ParameterError(f"parameter range.beacons: a name is there twice in {value!r}")
@@ -116,6 +194,7 @@ class AcousticRange(Aid[RangeParameters]):
     MESSAGE_TYPES = ("sensor_msgs/msg/Range",)
     TEXT = "slant range, m, to each of `range.beacons`; zero or outside `min_range` to `max_range`: rejected"
     PARAMETERS = RangeParameters
+    SIMULATED = ("range", SimulatedRanges)
     EXPECTED = True
 
     def __init__(self, parameters: RangeParameters, beacon: Beacon, beacon_name: str) -> None:
@@ -131,7 +210,7 @@ class AcousticRange(Aid[RangeParameters]):
         beacons = beacon_names(overrides.get("range.beacons", ""))
         keys = "|".join(key for key, _, _ in _PLACE)
         for name in overrides:
-            place = re.fullmatch(rf"range\.({_BEACON_NAME.pattern})\.({keys})", name)
+            place = re.fullmatch(rf"range\.({BEACON_NAME.pattern})\.({keys})", name)
             if place and place[1] not in beacons:
                 raise ParameterError(f"parameter {name}: {place[1]} is not in range.beacons")
         places = [
@@ -201,6 +280,17 @@ class AcousticRange(Aid[RangeParameters]):
             moved = np.subtract(position_ecef(after), position_ecef(before))
             east, north, _ = from_earth(after, moved)
             self._search.moved(east, north)
+
+    @classmethod
+    def simulate(cls, world: World) -> dict[str, Readings]:
+        """Ranges to every beacon, and where it was at their instants."""
+        p = world.section(SimulatedRanges, cls.NAME)
+        scale = p.scale + p.scale_stddev * float(world.stream("range.scale").standard_normal())
+        readings: dict[str, Readings] = {}
+        for beacon in simulated_beacons(world) if p.rate else ():
+            readings[f"range/{beacon.name}"] = ranges = _simulated_ranges(world, p, beacon, scale)
+            readings[f"truth/{fix_topic(beacon.name)}"] = ranges.beacon
+        return readings
 
     def _travel_time(self, distance: float) -> float:
         """Time that sound takes, s."""
@@ -287,81 +377,28 @@ class AcousticRange(Aid[RangeParameters]):
         return covariance
 
 
-def fix_topic(beacon_name: str) -> str:
-    """Topic of the fixes of a beacon that floats; name of that aid, too."""
-    return f"beacon/{beacon_name}/fix"
-
-
-@dataclass(frozen=True)
-class BeaconFixParameters(AidParameters):
-    """Of the fixes of beacons: not to be set."""
-
-    default_stddev: float = declare_default_stddev(3.0, "m")
-    min_stddev: float = declare_min_stddev(0.05, "m")
-
-
-class BeaconFix(Aid[BeaconFixParameters]):
-    """Fix of a beacon that floats: a measurement of where the beacon is, or was, and of nothing else.
-
-    Parameters
-    ----------
-    beacon : Beacon
-        Its states are the aid's own.
-    beacon_name : str
-    enabled : bool
-    """
-
-    NAME = "beacon"
-    TOPIC = "beacon/<beacon>/fix"
-    MESSAGE_TYPES = ("sensor_msgs/msg/NavSatFix",)
-    TEXT = "place of a beacon of `range.beacons` that floats"
-    PARAMETERS = BeaconFixParameters
-    MAY_BE_SILENT = True
-    KEEPS_LATEST = True
-    CHANGED = "the beacon was elsewhere: is range.beacon_speed too small?"
-
-    def __init__(self, beacon: Beacon, beacon_name: str, enabled: bool) -> None:
-        name = fix_topic(beacon_name)
-        super().__init__(BeaconFixParameters(enabled=enabled), name, name)
-        self.states = beacon.states
-        self._beacon = beacon
-        self._last: tuple[float, ...] | None = None
-        self._moves = False
-
-    @classmethod
-    def rows(cls, overrides: Mapping[str, object]) -> list[Parameter]:
-        """None: it has no parameters of its own."""
-        return []
-
-    @classmethod
-    def create(cls, values: Mapping[str, Value]) -> list[Aid[Any]]:
-        """None: they are created with the ranges to the same beacons (`AcousticRange.create`)."""
-        return []
-
-    def read(self, message: Any) -> Reading:
-        """The content of a message; of a beacon that has moved, the same place under a new stamp is no news."""
-        reading = read_fix(message)
-        if math.isnan(reading.value[2]):
-            raise no_measurement(reading.value)
-        repeated = reading.value == self._last
-        self._moves = self._moves or not (self._last is None or repeated)
-        self._last = reading.value
-        if self._moves and repeated:
-            raise Unusable("the last place under a new stamp: rejected", "repeated")
-        return reading
-
-    def late(self, seconds: float) -> tuple[bool, str, str]:
-        used = self._beacon.reference is None or self._beacon.way_stddev(seconds) < _USELESS
-        text = "used for where the beacon was then" if used else "rejected: check its clock"
-        return used, INFO if used and seconds < _LATE else WARN, text
-
-    def measure(self, solution: Solution, own: OwnStates, observation: Observation) -> Measurement:
-        lat, lon, height = observation.value
-        ago = (solution.stamp_ns - observation.stamp_ns) * 1e-9
-        return self._beacon.measure(own.values, observation.stamp_ns, (lat, lon, height), observation.covariance, ago)
-
-    def restart(self) -> None:
-        self._beacon.restart()
-
-    def status(self, own: Sequence[tuple[float, float]]) -> dict[str, str]:
-        return {"place sigma": f"{math.hypot(*(s for _, s in own[:3])):.2f} m"} if own else {}
+def _simulated_ranges(world: World, p: SimulatedRanges, beacon: SimulatedBeacon, scale: float) -> RangeReadings:
+    source = f"range.{beacon.name}"
+    index = world.instants(p.rate, "range.rate")
+    count, t = len(index), world.truth
+    bias = p.bias + p.bias_stddev * float(world.stream(f"{source}.bias").standard_normal())
+    here = t.position_e[index] + turned(t.q_eb[index], p.lever_arm)
+    true = np.linalg.norm(here - beacon.states(t.time[index]).position_e, axis=1)
+    noise = p.noise_stddev * world.stream(f"{source}.noise").standard_normal(count)
+    distance = (1.0 + scale) * true + bias + noise
+    wrong, size = world.outliers("range.outlier", p.outlier_share, p.outlier_span, source, count)
+    sign = np.where(world.stream(f"{source}.outlier_sign").random(count) < _POSITIVE_OUTLIERS, 1.0, -1.0)
+    distance = np.maximum(distance + np.where(wrong, sign * size, 0.0), 0.0)
+    late = np.rint(true * (NS / p.delay_speed)).astype(np.int64) if p.delay_speed else 0
+    heard = true <= p.max
+    return RangeReadings(
+        (world.stamps_ns[index] + late)[heard],
+        distance[heard],
+        p.noise_stddev,
+        p.max,
+        scale,
+        bias,
+        wrong[heard],
+        beacon.exact(world, index[heard]),
+        AcousticRange.MESSAGE_TYPES[0],
+    )

@@ -17,6 +17,7 @@ from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
+from ins_nav.aiding.simulated import Readings, World
 from ins_nav.alignment.initial_position import Place
 from ins_nav.config.declaration import Section, parameter
 from ins_nav.config.parameters import Parameter, Value
@@ -219,6 +220,8 @@ class Aid(ABC, Generic[P]):
     TEXT: ClassVar[str]
     """Of a message's content, for the table of topics."""
     PARAMETERS: ClassVar[type[AidParameters]]
+    SIMULATED: ClassVar[tuple[str, type[Section]] | None] = None
+    """Prefix and section of the parameters of its simulated readings."""
 
     GIVES_POSITION: ClassVar[bool] = False
     """Its first message is a place to align at; once it is accepted, position is known without other aids."""
@@ -330,6 +333,19 @@ class Aid(ABC, Generic[P]):
 
     def corrected(self, before: NavState, after: NavState) -> None:
         """The solution was corrected."""
+
+    # --- simulation
+
+    @classmethod
+    def simulate(cls, world: World) -> dict[str, Readings]:
+        """Simulated readings by topic; those below truth/ are exact.
+
+        Raises
+        ------
+        InsNavError
+            The parameters do not fit together.
+        """
+        return {}
 
     # --- reports
 

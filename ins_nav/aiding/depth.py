@@ -1,6 +1,7 @@
 """Depth below the water's surface; the height of the surface is a state of the filter unless it is known exactly."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -19,7 +20,8 @@ from ins_nav.aiding.base import (
 )
 from ins_nav.aiding.fields import no_measurement
 from ins_nav.aiding.geometry import set_turned
-from ins_nav.config.declaration import parameter
+from ins_nav.aiding.simulated import UNKNOWN, MakeMessage, Messages, Readings, Stamps, World, header, rows, within
+from ins_nav.config.declaration import Section, parameter
 from ins_nav.estimation.error_model import Array, Vector
 from ins_nav.estimation.observation import Measurement, Solution
 from ins_nav.estimation.slow_state import SlowState
@@ -47,6 +49,74 @@ class DepthParameters(AidParameters):
         high=9000.0,
     )
     surface_stddev: float = parameter(0.0, "uncertainty of that height where it is given", unit="m", low=0.0, high=1e3)
+
+
+@dataclass(frozen=True)
+class SimulatedGauge(Section):
+    """Parameters of a simulated gauge, in its unit."""
+
+    rate: float = parameter(0.0, "readings a second; 0: none", unit="Hz", low=0.0, high=100.0)
+    lever_arm: Vector = parameter([0.0, 0.0, 0.0], "gauge from the IMU: forward, left, up", unit="m")
+    noise_stddev: float = parameter(0.05, "white noise", low=0.0)
+    bias: float = parameter(0.0, "what it reads too much")
+    bias_stddev: float = parameter(0.0, "the same, drawn once a run and added", low=0.0)
+    lie_start: float = parameter(0.0, "when it begins to lie", unit="s", low=0.0)
+    lie_duration: float = parameter(0.0, "for how long; 0: never", unit="s", low=0.0)
+    lie_offset: float = parameter(0.0, "by how much")
+
+
+@dataclass(frozen=True)
+class SimulatedDepth(SimulatedGauge):
+    """Parameters ``depth.*`` of a simulation, m."""
+
+    surface_height: float = parameter(0.0, "ellipsoidal height of the water's mean surface", unit="m")
+
+
+@dataclass(frozen=True)
+class GaugeReadings:
+    """Of a gauge, m of them: depth below the mean surface, m, down positive, or absolute pressure, Pa."""
+
+    stamps_ns: Stamps
+    value: Array
+    """(m,)."""
+    stddev: float
+    """Of the noise."""
+    bias: float
+    """Given and drawn."""
+    message_type: str
+    message: Callable[[MakeMessage, int, float, float], Any]
+    """From stamp, value and variance."""
+
+    def messages(self, make: MakeMessage) -> Messages:
+        for stamp, value in rows(self.stamps_ns, self.value):
+            yield stamp, self.message(make, stamp, value, self.stddev**2)
+
+
+def simulated_depth(world: World) -> SimulatedDepth:
+    """Parameters of the simulated gauge, and the water's surface."""
+    return world.section(SimulatedDepth, Depth.NAME)
+
+
+def simulated_gauge(
+    world: World, name: str, gauge: SimulatedGauge, per_metre: float, at_surface: float
+) -> tuple[Stamps, Array, float]:
+    """Stamps, values and bias of a gauge, from its units a metre of depth and its reading at the surface."""
+    index = world.instants(gauge.rate, f"{name}.rate")
+    bias = gauge.bias + gauge.bias_stddev * float(world.stream(f"{name}.bias").standard_normal())
+    depth = simulated_depth(world).surface_height - world.height(index, gauge.lever_arm)
+    noise = gauge.noise_stddev * world.stream(f"{name}.noise").standard_normal(len(index))
+    value = at_surface + per_metre * depth + bias + noise
+    value[within(world.truth.time[index], gauge.lie_start, gauge.lie_duration)] += gauge.lie_offset
+    return world.stamps_ns[index], value, bias
+
+
+def depth_message(make: MakeMessage, stamp_ns: int, depth: float, variance: float = 0.0) -> Any:
+    """geometry_msgs/PoseWithCovarianceStamped of a depth, m, down positive, and its variance, m²; 0: unknown."""
+    msg = make("geometry_msgs/msg/PoseWithCovarianceStamped", header=header(make, stamp_ns, "water_surface"))
+    msg.pose.pose.position.z = -depth
+    msg.pose.pose.orientation.w = 1.0
+    msg.pose.covariance = np.diag([UNKNOWN, UNKNOWN, variance, UNKNOWN, UNKNOWN, UNKNOWN]).ravel()
+    return msg
 
 
 P = TypeVar("P", bound=AidParameters)
@@ -98,6 +168,7 @@ class Depth(DepthAid[DepthParameters]):
     MESSAGE_TYPES = ("geometry_msgs/msg/PoseWithCovarianceStamped",)
     TEXT = "`position.z = -depth`, m, its variance in `covariance[14]`"
     PARAMETERS = DepthParameters
+    SIMULATED = ("depth", SimulatedDepth)
 
     def __init__(self, parameters: DepthParameters) -> None:
         super().__init__(parameters, parameters.surface_height, parameters.surface_stddev)
@@ -107,3 +178,10 @@ class Depth(DepthAid[DepthParameters]):
         if not math.isfinite(depth):
             raise no_measurement((depth,))
         return Reading((depth,), (float(message.pose.covariance[14]),), stamp_of(message))
+
+    @classmethod
+    def simulate(cls, world: World) -> dict[str, Readings]:
+        gauge = simulated_depth(world)
+        stamps_ns, value, bias = simulated_gauge(world, cls.NAME, gauge, 1.0, 0.0)
+        readings = GaugeReadings(stamps_ns, value, gauge.noise_stddev, bias, cls.MESSAGE_TYPES[0], depth_message)
+        return {cls.TOPIC: readings}

@@ -15,8 +15,17 @@ from ins_nav.aiding.base import (
     declare_min_stddev,
     declare_patience,
 )
-from ins_nav.aiding.depth import Depth, DepthAid, DepthParameters
+from ins_nav.aiding.depth import (
+    Depth,
+    DepthAid,
+    DepthParameters,
+    GaugeReadings,
+    SimulatedGauge,
+    simulated_depth,
+    simulated_gauge,
+)
 from ins_nav.aiding.fields import no_measurement
+from ins_nav.aiding.simulated import MakeMessage, Readings, World, header
 from ins_nav.config.declaration import parameter
 from ins_nav.config.parameters import Value
 from ins_nav.estimation.error_model import Vector
@@ -40,6 +49,25 @@ class PressureParameters(AidParameters):
     )
 
 
+@dataclass(frozen=True)
+class SimulatedPressure(SimulatedGauge):
+    """Parameters ``pressure.*`` of a simulation, Pa."""
+
+    noise_stddev: float = parameter(500.0, "white noise", low=0.0)
+    density: float = parameter(1025.0, "of the water", unit="kg/m³", low=1.0)
+    surface: float = parameter(101_325.0, "at the surface", unit="Pa", low=0.0)
+
+
+def pressure_message(make: MakeMessage, stamp_ns: int, pressure: float, variance: float = 0.0) -> Any:
+    """sensor_msgs/FluidPressure, Pa and Pa²; 0: unknown."""
+    return make(
+        "sensor_msgs/msg/FluidPressure",
+        header=header(make, stamp_ns, "pressure_link"),
+        fluid_pressure=pressure,
+        variance=variance,
+    )
+
+
 class Pressure(DepthAid[PressureParameters]):
     """Absolute pressure."""
 
@@ -48,6 +76,7 @@ class Pressure(DepthAid[PressureParameters]):
     MESSAGE_TYPES = ("sensor_msgs/msg/FluidPressure",)
     TEXT = "Pa, absolute; `pressure.density`, `pressure.surface_pressure`, `depth.surface_height`"
     PARAMETERS = PressureParameters
+    SIMULATED = ("pressure", SimulatedPressure)
 
     @classmethod
     def create(cls, values: Mapping[str, Value]) -> list[Aid[Any]]:
@@ -66,3 +95,12 @@ class Pressure(DepthAid[PressureParameters]):
         weight = self.parameters.density * normal_gravity(math.sin(where.lat), where.height)
         pressure, variance = observation.value[0], float(observation.covariance[0, 0])
         return (pressure - self.parameters.surface_pressure) / weight, variance / weight**2
+
+    @classmethod
+    def simulate(cls, world: World) -> dict[str, Readings]:
+        gauge, surface = world.section(SimulatedPressure, cls.NAME), simulated_depth(world).surface_height
+        # the weight of the water grows by 2e-7 of itself a metre: constant
+        weight = gauge.density * float(normal_gravity(math.sin(world.origin[0]), surface))
+        stamps_ns, value, bias = simulated_gauge(world, cls.NAME, gauge, weight, gauge.surface)
+        readings = GaugeReadings(stamps_ns, value, gauge.noise_stddev, bias, cls.MESSAGE_TYPES[0], pressure_message)
+        return {cls.TOPIC: readings}

@@ -28,7 +28,19 @@ from ins_nav.aiding.base import (
 )
 from ins_nav.aiding.fields import no_measurement, read_velocity
 from ins_nav.aiding.geometry import cross_matrix, east_north, rate_to_earth
-from ins_nav.config.declaration import DEG, parameter
+from ins_nav.aiding.simulated import (
+    MakeMessage,
+    Messages,
+    Readings,
+    Stamps,
+    World,
+    isotropic,
+    rows,
+    turned,
+    velocity_message,
+    within,
+)
+from ins_nav.config.declaration import DEG, Section, parameter
 from ins_nav.config.parameters import Value
 from ins_nav.estimation.error_model import Array, Vector, rotation_matrix
 from ins_nav.estimation.observation import Measurement, Solution
@@ -92,6 +104,79 @@ class LogParameters(AidParameters):
     current_time: float = parameter(3600.0, "its correlation time", unit="s", low=1.0, high=1e6)
 
 
+@dataclass(frozen=True)
+class SimulatedLog(Section):
+    """Parameters ``log.*`` of a simulation."""
+
+    rate: float = parameter(0.0, "readings a second; 0: none", unit="Hz", low=0.0, high=100.0)
+    mounting_rpy: Vector = parameter(
+        [0.0, 0.0, 0.0],
+        "roll, pitch, yaw of the log's axes on the body's",
+        name="mounting_rpy_deg",
+        unit="deg",
+        scale=DEG,
+    )
+    lever_arm: Vector = parameter([0.0, 0.0, 0.0], "log from the IMU: forward, left, up", unit="m")
+    noise_stddev: float = parameter(0.01, "white noise, each axis", unit="m/s", low=0.0)
+    noise_per_speed: float = parameter(0.0, "white noise besides, each axis, as a share of speed", low=0.0, high=1.0)
+    scale: float = parameter(0.0, "scale error: it reads 1 + scale times the velocity", low=-0.5, high=0.5)
+    scale_stddev: float = parameter(0.0, "the same, drawn once a run and added", low=0.0, high=0.5)
+    misalignment: tuple[float, float] = parameter(
+        [0.0, 0.0],
+        "angles a_y, a_z about its left and up axes: it reads (0, a_y, a_z) x v more",
+        name="misalignment_deg",
+        unit="deg",
+        low=-45.0,
+        high=45.0,
+        scale=DEG,
+    )
+    misalignment_stddev: float = parameter(
+        0.0,
+        "the same, drawn once a run and added, each",
+        name="misalignment_stddev_deg",
+        unit="deg",
+        low=0.0,
+        high=45.0,
+        scale=DEG,
+    )
+    current: tuple[float, float] = parameter(
+        [0.0, 0.0], "current of the water it tracks, east, north; 0 on bottom track", unit="m/s"
+    )
+    current_stddev: float = parameter(0.0, "the same, drawn once a run and added, each", unit="m/s", low=0.0)
+    lost: str = parameter(
+        "nan", "what it gives while it has lost the bottom; silent: nothing", choices=("nan", "zeros", "silent")
+    )
+    lost_start: float = parameter(0.0, "when it loses the bottom", unit="s", low=0.0)
+    lost_duration: float = parameter(0.0, "for how long; 0: never", unit="s", low=0.0)
+    lost_period: float = parameter(0.0, "and again after so long; 0: once", unit="s", low=0.0)
+    outlier_share: float = parameter(0.0, "share of readings off by a vector of any direction", low=0.0, high=1.0)
+    outlier_span: tuple[float, float] = parameter(
+        [0.5, 3.0], "smallest and largest length of that vector", unit="m/s", low=0.0
+    )
+
+
+@dataclass(frozen=True)
+class LogReadings:
+    """Of a log: ``(1 + scale) v + (0, a_y, a_z) x v`` of the velocity v over ground, or through water, on its axes."""
+
+    stamps_ns: Stamps
+    velocity: Array
+    """(m, 3), m/s; NaN or 0 while it has lost the bottom, if `SimulatedLog.lost` says so."""
+    stddev: Array
+    """(m,), of the noise, each axis, m/s."""
+    scale: float
+    """Given and drawn."""
+    misalignment: tuple[float, float]
+    """a_y and a_z, given and drawn, rad."""
+    current: tuple[float, float]
+    """Of the water it tracks, east, north, given and drawn, m/s."""
+    message_type: str
+
+    def messages(self, make: MakeMessage) -> Messages:
+        for stamp, velocity, stddev in rows(self.stamps_ns, self.velocity, self.stddev):
+            yield stamp, velocity_message(make, stamp, velocity, isotropic(stddev))
+
+
 class VelocityLog(Aid[LogParameters]):
     """Velocity on the axes of a log; an axis with NaN is not measured."""
 
@@ -100,6 +185,7 @@ class VelocityLog(Aid[LogParameters]):
     MESSAGE_TYPES = ("geometry_msgs/msg/TwistWithCovarianceStamped",)
     TEXT = "m/s on the log's axes; NaN: not measured"
     PARAMETERS = LogParameters
+    SIMULATED = ("log", SimulatedLog)
     CALIBRATED = 3
     CALIBRATION = ("log.scale", "log.scale_stddev", "log.pitch_deg", "log.yaw_deg", "log.misalignment_stddev_deg")
 
@@ -176,3 +262,36 @@ class VelocityLog(Aid[LogParameters]):
             yaw=yaw,
             misalignment_stddev=max(pitch_stddev, yaw_stddev),
         )
+
+    @classmethod
+    def simulate(cls, world: World) -> dict[str, Readings]:
+        p, t = world.section(SimulatedLog, cls.NAME), world.truth
+        index = world.instants(p.rate, "log.rate")
+        count = len(index)
+        scale = p.scale + p.scale_stddev * float(world.stream("log.scale").standard_normal())
+        a = np.array(p.misalignment) + p.misalignment_stddev * world.stream("log.misalignment").standard_normal(2)
+        current = np.array(p.current) + p.current_stddev * world.stream("log.current").standard_normal(2)
+        flow = turned(t.q_nb[index], [*current, 0.0], inverse=True)
+        body_to_sensor = Rotation.from_euler("ZYX", p.mounting_rpy[::-1]).inv()
+        true = body_to_sensor.apply(world.velocity_body(index, p.lever_arm) - flow)
+        speed = np.linalg.norm(true, axis=1)
+        stddev = np.hypot(p.noise_stddev, p.noise_per_speed * speed)
+        velocity = (1.0 + scale) * true + np.cross([0.0, *a], true)
+        velocity += stddev[:, None] * world.stream("log.noise").standard_normal((count, 3))
+        wrong, size = world.outliers("log.outlier", p.outlier_share, p.outlier_span, "log", count)
+        direction = world.stream("log.outlier_direction").standard_normal((count, 3))
+        direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+        velocity += np.where(wrong, size, 0.0)[:, None] * direction
+        lost = within(t.time[index], p.lost_start, p.lost_duration, p.lost_period)
+        if p.lost != "silent":
+            velocity[lost] = math.nan if p.lost == "nan" else 0.0
+            lost[:] = False
+        a_y, a_z = a.tolist()
+        east, north = current.tolist()
+        kept = ~lost
+        stamps_ns = world.stamps_ns[index][kept]
+        return {
+            cls.TOPIC: LogReadings(
+                stamps_ns, velocity[kept], stddev[kept], scale, (a_y, a_z), (east, north), cls.MESSAGE_TYPES[0]
+            )
+        }

@@ -164,7 +164,7 @@ def input_topics(reader: BagReader, remap: dict[str, str], wanted: Inputs) -> di
     return names
 
 
-def _add(navigator: RealtimeNavigator, topic: str, content: object) -> bool:
+def feed(navigator: RealtimeNavigator, topic: str, content: object) -> bool:
     """Give a message to a navigator; True when there is a new solution."""
     if topic == _IMU_TOPIC:
         return inputs.feed_imu(navigator, content)
@@ -246,10 +246,10 @@ def main(argv: Sequence[str] | None = None) -> int | None:
                 for raw in _with_progress(reader, reader.messages(names), navigator, aided):
                     topic, content = names[raw.topic], reader.deserialize(raw)
                     if aided is not None:
-                        _add(aided, topic, content)
+                        feed(aided, topic, content)
                         for feedback in aided.drain():
                             navigator.follow(feedback)
-                    if _add(navigator, topic, content):
+                    if feed(navigator, topic, content):
                         recorder.solution()
                     if calls is not None:
                         calls.after_sample()

@@ -34,11 +34,10 @@ def main(argv: Sequence[str] | None = None) -> int | None:
         f"{args.output}: {args.scenario}, seed {args.seed}, {samples / p['rate']:g} s, "
         f"{samples} IMU samples at {p['rate']:g} Hz, {messages} messages, {size / 1e6:.1f} MB"
     )
-    for name, ranges in simulation.aids.ranges.items():
-        for lat, lon, height in zip(
-            ranges.beacon.lat[:1], ranges.beacon.lon[:1], ranges.beacon.height[:1], strict=True
-        ):
-            print(f"beacon {name} at first: {math.degrees(lat):.7f}°, {math.degrees(lon):.7f}°, {height:.2f} m")
+    for topic, fixes in simulation.aids.items():
+        if topic.startswith("truth/") and len(fixes.stamps_ns):
+            place = f"{math.degrees(fixes.lat[0]):.7f}°, {math.degrees(fixes.lon[0]):.7f}°, {fixes.height[0]:.2f} m"
+            print(f"{topic} at first: {place}")
     return 0
 
 

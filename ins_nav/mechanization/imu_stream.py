@@ -107,9 +107,8 @@ def _regular_run(
         h = regular_interval(stamps[i], last_ns, until_ns, regular, max_rate2, max_force2, wx, wy, wz, fx, fy, fz)
         if h == 0.0:
             return i - first
-        sample = h, wx, wy, wz, fx, fy, fz
-        for j in range(len(sample)):
-            samples[row + i - first, j] = sample[j]
+        samples[row + i - first, 0] = h
+        samples[row + i - first, 1:] = values[i]
         last_ns = stamps[i]
     return len(stamps) - first
 

@@ -21,21 +21,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ins_nav.aiding.registry import aid_classes
+from ins_nav.aiding.simulated import Fixes
 from ins_nav.errors import InsNavError
 from ins_nav.mechanization import attitude
 from ins_nav.recordings.bags import suggestion
-from ins_nav.simulation.aids import SimulatedAids, measure_aids
+from ins_nav.simulation.aids import measure_aids
 from ins_nav.simulation.missions import AUV_DIVE, auv_dive
 from ins_nav.simulation.motion import Array, Motion, Route, Signal, constant, sinusoid, smooth_profile
 from ins_nav.simulation.parameters import SHARED, Parameter, Values, resolved
-from ins_nav.simulation.sensors import Fixes, ImuErrors, Triple, measure_imu
+from ins_nav.simulation.sensors import ImuErrors, Triple, measure_imu
 from ins_nav.simulation.trajectory import EarthMotion, Origin, Trajectory
 from ins_nav.simulation.waves import ROCKING, SWELL, rocking_signals
 
 START_NS = 1_700_000_000 * 10**9
 """Stamp of a simulation's time 0."""
 
-_SENSORS = ("imu.", "gnss.", "log.", "depth.", "pressure.", "beacon.", "range.")
+_SENSORS = ("imu.", *(f"{kind.SIMULATED[0]}." for kind in aid_classes() if kind.SIMULATED is not None))
 MotionMaker = Callable[[Values], Motion]
 
 
@@ -75,12 +77,14 @@ class Simulation:
     """Constant part of the gyros' bias, what was drawn included, rad/s."""
     accel_bias: Triple
     """The same of the accelerometers, m/s²."""
-    aids: SimulatedAids
+    aids: Mapping[str, Any]
+    """Readings of aids by topic (`ins_nav.aiding.simulated.Readings`)."""
 
     @property
     def fixes(self) -> Fixes:
         """GNSS."""
-        return self.aids.fixes
+        fixes: Fixes = self.aids["gnss/fix"]
+        return fixes
 
     def redrawn(self, seed: int, **parameters: Any) -> "Simulation":
         """All sensors' errors drawn anew along the same trajectory: one run of many.

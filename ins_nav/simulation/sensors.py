@@ -1,4 +1,4 @@
-"""Sensors' errors: inertial sensors by their datasheet, and a GNSS receiver. Other aids: `ins_nav.simulation.aids`.
+"""Errors of inertial sensors by their datasheet.
 
 Every error source draws from a stream of its own, named after it: switching one off, or changing its size, leaves
 the others' draws as they were. What is drawn depends on the seed alone.
@@ -10,10 +10,8 @@ from dataclasses import dataclass, fields
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ins_nav.errors import InsNavError
-from ins_nav.mechanization import earth
+from ins_nav.aiding.simulated import stream
 from ins_nav.simulation.motion import Array
 from ins_nav.simulation.trajectory import Trajectory
 
@@ -224,66 +222,6 @@ PRESETS = {
 """Inertial units by class; the biases, scale factors and misalignments of a unit are drawn from the seed."""
 
 
-class Fixes(NamedTuple):
-    """GNSS fixes of the antenna, m of them."""
-
-    stamps_ns: NDArray[np.int64]
-    lat: Array
-    """(m,), rad."""
-    lon: Array
-    """(m,), rad."""
-    height: Array
-    """(m,), ellipsoidal, m."""
-    stddev: Triple
-    """East, north, up, m."""
-
-
-@dataclass(frozen=True)
-class GnssReceiver:
-    """Position fixes with white noise."""
-
-    rate: float = 1.0
-    """Fixes a second, 0 for none."""
-    horizontal_stddev: float = 1.0
-    """East and north, each, m."""
-    vertical_stddev: float = 1.5
-    """m."""
-    lever_arm: Triple = _NONE3
-    """Antenna from the IMU, on body axes, m."""
-    lowest: float = -math.inf
-    """No fix while the antenna is below this ellipsoidal height: under water, m."""
-
-    def fixes(self, trajectory: Trajectory, stamps_ns: NDArray[np.int64], seed: int) -> Fixes:
-        """Fixes at the trajectory's instants nearest to the receiver's.
-
-        Parameters
-        ----------
-        trajectory : Trajectory
-            n + 1 instants.
-        stamps_ns : ndarray, shape (n + 1,)
-            Their stamps.
-        seed : int
-            Not negative.
-
-        Raises
-        ------
-        InsNavError
-            If the receiver is faster than the trajectory.
-        """
-        index = instants(trajectory, self.rate, "gnss.rate")
-        stddev = (self.horizontal_stddev, self.horizontal_stddev, self.vertical_stddev)
-        noise = stddev * stream(seed, "gnss.noise").standard_normal((len(index), 3))
-        x, y, z, w = trajectory.q_nb[index].T
-        # lever arm turned to east-north-up
-        arm = np.array(self.lever_arm)
-        vector = np.stack([x, y, z], axis=-1)
-        turned = 2.0 * np.cross(vector, arm)
-        offset = noise + arm + w[:, None] * turned + np.cross(vector, turned)
-        lat, lon, height = moved(trajectory.lat[index], trajectory.lon[index], trajectory.height[index], offset)
-        seen = trajectory.height[index] + (offset - noise)[:, 2] >= self.lowest
-        return Fixes(stamps_ns[index][seen], lat[seen], lon[seen], height[seen], stddev)
-
-
 def measure_imu(parameters: Mapping[str, Any], trajectory: Trajectory, seed: int) -> ImuReadings:
     """What the inertial unit of a simulation's parameters puts out along the trajectory; seed not negative."""
     dt = 1.0 / parameters["rate"]
@@ -295,38 +233,6 @@ def measure_imu(parameters: Mapping[str, Any], trajectory: Trajectory, seed: int
     angular_velocity, gyro_bias = errors.gyro.measure(rate, dt, seed, "gyro")
     linear_acceleration, accel_bias = errors.accel.measure(force, dt, seed, "accel")
     return ImuReadings(angular_velocity, linear_acceleration, gyro_bias, accel_bias)
-
-
-def instants(trajectory: Trajectory, rate: float, name: str) -> NDArray[np.int64]:
-    """Indices of the trajectory's instants nearest to those of a sensor with a rate, Hz (0: none).
-
-    Raises
-    ------
-    InsNavError
-        If the sensor is faster than the trajectory; name is that of its parameter.
-    """
-    if rate * trajectory.interval > 1.0:
-        raise InsNavError(f"{name} {rate:g} Hz is above the IMU's rate; lower it")
-    count = int(trajectory.time[-1] * rate + 1e-6) + 1 if rate else 0
-    return np.rint(np.arange(count) / np.float64(rate * trajectory.interval)).astype(np.int64)
-
-
-def stream(seed: int, name: str) -> np.random.Generator:
-    """The random numbers of one named source."""
-    if seed < 0:
-        raise InsNavError(f"seed {seed} is negative; give 0 or more")
-    return np.random.default_rng([seed, *name.encode()])
-
-
-def moved(lat: Array, lon: Array, height: Array, offset: Array) -> tuple[Array, Array, Array]:
-    """Position moved by a few metres east, north, up (n, 3); to d²/2R (0.1 mm at 30 m), at the poles too."""
-    meridian, prime_vertical = earth.principal_radii(np.sin(lat))
-    east, north = offset[:, 0] / (prime_vertical + height), offset[:, 1] / (meridian + height)
-    sl, cl, so, co = np.sin(lat), np.cos(lat), np.sin(lon), np.cos(lon)
-    x = cl * co - east * so - north * sl * co
-    y = cl * so + east * co - north * sl * so
-    z = sl + north * cl
-    return np.arctan2(z, np.hypot(x, y)), np.arctan2(y, x), height + offset[:, 2]
 
 
 def _scaled3(values: Triple, factor: float) -> Triple:

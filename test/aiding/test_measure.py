@@ -13,7 +13,7 @@ from ins_nav.aiding.acoustic_range import AcousticRange, RangeParameters
 from ins_nav.aiding.base import Aid, Observation, OwnStates
 from ins_nav.aiding.beacon import Beacon
 from ins_nav.aiding.depth import Depth, DepthParameters
-from ins_nav.aiding.gnss import Gnss, GnssParameters
+from ins_nav.aiding.gnss import Gnss, GnssParameters, GnssReceiver
 from ins_nav.aiding.gnss_velocity import GnssVelocity, GnssVelocityParameters
 from ins_nav.aiding.velocity_log import LogParameters, VelocityLog
 from ins_nav.estimation.error_model import Array, ErrorModel, Vector
@@ -21,7 +21,6 @@ from ins_nav.estimation.observation import Measurement, Solution
 from ins_nav.estimation.state_layout import COSINE, GYRO_BIAS, HEADING, POSITION, SIZE
 from ins_nav.mechanization import earth, nav_state
 from ins_nav.simulation.motion import Motion, constant, sinusoid
-from ins_nav.simulation.sensors import GnssReceiver
 from ins_nav.simulation.trajectory import EarthMotion, Origin
 from ins_nav.zupt.measurements import ResidualRate, ZeroVelocity
 from ins_nav.zupt.zupt_equations import StopMeasurement

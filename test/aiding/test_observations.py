@@ -4,6 +4,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+import aid_messages
 import numpy as np
 import pytest
 from hypothesis import given
@@ -18,7 +19,6 @@ from ins_nav.aiding.registry import create_aids
 from ins_nav.aiding.velocity_log import LogParameters
 from ins_nav.estimation.observation import Solution, Update
 from ins_nav.mechanization import earth, nav_state
-from ins_nav.simulation.messages import acoustic_range
 
 NAN = math.nan
 STATE = nav_state.initial_state(
@@ -311,7 +311,7 @@ def test_range_to_a_beacon_that_floats() -> None:
 
 
 def test_range_of_two_ways_is_of_the_middle_of_its_time() -> None:
-    message = acoustic_range(2_000_000_000, 1500.0)
+    message = aid_messages.RANGE(2_000_000_000, 1500.0)
     for two_way, stamp_ns in ((False, 2_000_000_000), (True, 1_000_000_000)):
         made = _made({"range.beacons": "ship", "range.two_way": two_way})["range/ship"]
         assert isinstance(made, AcousticRange) and made.observe(message).stamp_ns == stamp_ns

@@ -59,15 +59,18 @@ def _events(s: Simulation, without: Sequence[str] = (), until: float = math.inf)
 
     imu = np.column_stack([s.angular_velocity, s.linear_acceleration])
     add("imu", s.stamps_ns, list(map(tuple, imu.tolist())))
-    fixes = [("fix", (), aids.fixes), *(("beacon", (name,), fix) for name, fix in aids.beacon_fixes.items())]
+    named = {tuple(topic.split("/")): readings for topic, readings in aids.items()}
+    fixes = [("fix", (), aids["gnss/fix"]), *(("beacon", (k[1],), fix) for k, fix in named.items() if k[0] == "beacon")]
     for kind, name, fix in fixes:
         covariance = tuple(np.diag(np.square(fix.stddev)).ravel().tolist())
         places = np.column_stack([np.degrees(fix.lat), np.degrees(fix.lon), fix.height]).tolist()
         add(kind, fix.stamps_ns, [(*name, 0, *place, covariance) for place in places])
-    noise = [tuple((stddev**2 * np.eye(3)).ravel().tolist()) for stddev in aids.log.stddev.tolist()]
-    add("log", aids.log.stamps_ns, list(zip(map(tuple, aids.log.velocity.tolist()), noise, strict=True)))
-    add("depth", aids.depth.stamps_ns, [(depth, aids.depth.stddev**2) for depth in aids.depth.value.tolist()])
-    for name_, ranges in aids.ranges.items():
+    noise = [tuple((stddev**2 * np.eye(3)).ravel().tolist()) for stddev in aids["log"].stddev.tolist()]
+    add("log", aids["log"].stamps_ns, list(zip(map(tuple, aids["log"].velocity.tolist()), noise, strict=True)))
+    add(
+        "depth", aids["depth"].stamps_ns, [(depth, aids["depth"].stddev ** 2) for depth in aids["depth"].value.tolist()]
+    )
+    for (_, name_, *_), ranges in ((k, r) for k, r in named.items() if k[0] == "range"):
         add("range", ranges.stamps_ns, [(name_, x, ranges.stddev**2) for x in ranges.distance.tolist()])
     return sorted((e for e in events if e[0] <= s.start_ns + until * NS), key=lambda event: event[0])
 
@@ -178,7 +181,7 @@ def test_whole_dive_with_all_faults_at_once(seed: int) -> None:
     fed = _run(s)
     across, up = _greatest(fed.since(DIVE))
     assert across < 3.0 and up < 3.0
-    ranges = s.aids.ranges["vessel"]
+    ranges = s.aids["range/vessel"]
     wrong = int(ranges.outlier[ranges.stamps_ns > s.start_ns + ALIGNED * NS].sum())
     # each by its name; of good ranges one in a hundred is rejected, and one that is too short may be none at all
     told = fed.counts["range/vessel rejected"] + fed.counts.get("range/vessel unusable", 0)
@@ -265,7 +268,7 @@ JUMP = 50.0
 def test_surfacing(jump: float) -> None:
     """Fixes come back, right or off by tens of metres: believed within 10, and the solution stays there."""
     s = _path().redrawn(4)
-    stamps = s.aids.fixes.stamps_ns
+    stamps = s.aids["gnss/fix"].stamps_ns
     gap = int(np.argmax(np.diff(stamps)))
     _, radius = earth.principal_radii(math.sin(s.trajectory.origin.lat))
     degrees = math.degrees(jump / (radius * math.cos(s.trajectory.origin.lat)))
@@ -466,7 +469,7 @@ def test_a_place_told_before_the_first_sample_is_not_lost() -> None:
     fed = Fed(s, {"range.beacon_speed": 0.0}).feed(kept)
     assert fed.aided.records["range/vessel"].accepted > 40
     fed.aided.align()
-    assert fed.aided.filter is None and "beacon/vessel/fix" in fed.aided._beacon_fixes
+    assert fed.aided.filter is None and "beacon/vessel/fix" in fed.aided._aid_queue._latest
 
 
 def test_a_place_told_again_under_a_new_stamp_is_no_news() -> None:

@@ -70,10 +70,10 @@ def test_dive_has_no_gnss_under_water_but_the_other_aids() -> None:
     assert 4005.0 < seconds[gap + 1] < 4020.0
     assert (np.diff(np.delete(seconds, range(gap + 1))) == 1.0).all()  # none is missing before and after
     assert (np.diff(seconds[: gap + 1]) == 1.0).all()
-    assert len(s.aids.log.velocity) == len(s.aids.depth.value) == 5 * 4140 + 1
-    assert len(s.aids.ranges["vessel"].distance) == 4140 // 5 + 1
-    assert 40.0 < s.aids.ranges["vessel"].distance.min() < s.aids.ranges["vessel"].distance.max() < 700.0
-    assert s.aids.depth.value.max() == pytest.approx(50.0, abs=0.4)  # noise, the lever arm in the swell
+    assert len(s.aids["log"].velocity) == len(s.aids["depth"].value) == 5 * 4140 + 1
+    assert len(s.aids["range/vessel"].distance) == 4140 // 5 + 1
+    assert 40.0 < s.aids["range/vessel"].distance.min() < s.aids["range/vessel"].distance.max() < 700.0
+    assert s.aids["depth"].value.max() == pytest.approx(50.0, abs=0.4)  # noise, the lever arm in the swell
 
 
 def test_dive_aligns_in_swell_with_a_turn() -> None:
@@ -109,5 +109,5 @@ def test_a_short_shallow_dive() -> None:
     s = simulate("auv_dive", **DIVE, **lake, depth=2.0, dive_time=60.0, alignment_time=30.0, turn_deg=0.0)
     assert s.trajectory.height.min() == pytest.approx(118.0, abs=1e-9)
     assert np.abs(s.trajectory.height[-100:] - 120.0).max() < 0.16
-    assert s.aids.depth.value.max() == pytest.approx(2.0, abs=0.4)  # noise, and the gauge 0.1 m up
+    assert s.aids["depth"].value.max() == pytest.approx(2.0, abs=0.4)  # noise, and the gauge 0.1 m up
     assert 150 < len(s.fixes.lat) < 330 - 30

@@ -4,7 +4,7 @@ import math
 from typing import Any
 
 import pytest
-from simulation_harness import measure
+from simulation_harness import measure, of_beacons
 
 from ins_nav.errors import InsNavError
 from ins_nav.simulation.scenarios import simulate
@@ -59,6 +59,6 @@ def test_lists_are_read_as_they_are_written() -> None:
         (["a", "b"], [0, 0, -120.0, 300, 400, -2]),
         ("a,b", "0, 0, -120, 300, 400, -2"),
     ):
-        assert list(measure(**{"beacon.names": names, "beacon.positions": positions}).ranges) == ["a", "b"]
+        assert of_beacons(measure(**{"beacon.names": names, "beacon.positions": positions}), "range") == {"a", "b"}
     nothing = measure(**{"beacon.names": "", "beacon.positions": "[]", "beacon.radii": 0.0, "beacon.fix_rates": "0"})
-    assert (nothing.ranges, nothing.beacon_fixes) == ({}, {})
+    assert of_beacons(nothing, "range") == of_beacons(nothing, "beacon") == set()

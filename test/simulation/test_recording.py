@@ -103,26 +103,26 @@ def test_recording_of_aids(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
     log = last("/log")
     assert log.header.frame_id == "log_link"
     v = log.twist.twist.linear
-    np.testing.assert_array_equal([v.x, v.y, v.z], s.aids.log.velocity[-1])
-    assert log.twist.covariance[7] == s.aids.log.stddev[-1] ** 2 > 1e-4
+    np.testing.assert_array_equal([v.x, v.y, v.z], s.aids["log"].velocity[-1])
+    assert log.twist.covariance[7] == s.aids["log"].stddev[-1] ** 2 > 1e-4
     assert math.isnan(messages["/log"][0].twist.twist.linear.x)
     velocity = last("/gnss/velocity")
-    assert velocity.twist.twist.linear.y == s.aids.gnss_velocity.velocity[-1, 1]
+    assert velocity.twist.twist.linear.y == s.aids["gnss/velocity"].velocity[-1, 1]
     assert velocity.twist.covariance[14] == 0.05**2
     depth = last("/depth")
-    assert depth.pose.pose.position.z == -s.aids.depth.value[-1]
+    assert depth.pose.pose.position.z == -s.aids["depth"].value[-1]
     assert depth.pose.covariance[14] == 0.05**2
     pressure = last("/pressure")
-    assert (pressure.fluid_pressure, pressure.variance) == (s.aids.pressure.value[-1], 500.0**2)
+    assert (pressure.fluid_pressure, pressure.variance) == (s.aids["pressure"].value[-1], 500.0**2)
     ranged = last("/range/vessel")
-    assert ranged.range == np.float32(s.aids.ranges["vessel"].distance[-1])
+    assert ranged.range == np.float32(s.aids["range/vessel"].distance[-1])
     assert (ranged.variance, ranged.min_range, ranged.max_range) == (0.25, 0.0, 5000.0)
     fix, true = last("/beacon/vessel/fix"), last("/truth/beacon/vessel/fix")
-    assert fix.latitude == math.degrees(s.aids.beacon_fixes["vessel"].lat[-1])
+    assert fix.latitude == math.degrees(s.aids["beacon/vessel/fix"].lat[-1])
     assert fix.position_covariance[0] == 0.25
-    assert true.altitude == s.aids.ranges["vessel"].beacon.height[-1]
+    assert true.altitude == s.aids["range/vessel"].beacon.height[-1]
 
     command = ["auv_dive", "-o", str(tmp_path / "other"), "--param", "duration:=5", "--param", "rate:=10"]
     assert main([*command, "--param", "beacon.names:=[north]", "--param", "beacon.positions:=[0, 0, -30]"]) == 0
     # it circles by 50 m, and begins in the east
-    assert "beacon north at first: 55.7000000°, 37.6007" in capsys.readouterr().out
+    assert "truth/beacon/north/fix at first: 55.7000000°, 37.6007" in capsys.readouterr().out

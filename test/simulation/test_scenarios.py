@@ -170,14 +170,14 @@ def test_redrawn_along_the_same_trajectory() -> None:
     np.testing.assert_array_equal(again.angular_velocity, fresh.angular_velocity)
     np.testing.assert_array_equal(again.linear_acceleration, fresh.linear_acceleration)
     np.testing.assert_array_equal(again.stamps_ns, fresh.stamps_ns)
-    np.testing.assert_array_equal(again.aids.log.velocity, fresh.aids.log.velocity)
+    np.testing.assert_array_equal(again.aids["log"].velocity, fresh.aids["log"].velocity)
     np.testing.assert_array_equal(again.fixes.lat, fresh.fixes.lat)
     assert (again.seed, again.gyro_bias) == (2, fresh.gyro_bias)
     assert again.parameters == fresh.parameters
     changed = first.redrawn(1, **{"log.scale": 0.01, "imu.gyro_noise_deg_per_sqrt_hour": 0.0})
-    assert changed.aids.log.scale == pytest.approx(first.aids.log.scale + 0.01, abs=1e-15)
+    assert changed.aids["log"].scale == pytest.approx(first.aids["log"].scale + 0.01, abs=1e-15)
     assert changed.parameters["log.scale"] == 0.01
-    np.testing.assert_array_equal(changed.aids.depth.value, first.aids.depth.value)
+    np.testing.assert_array_equal(changed.aids["depth"].value, first.aids["depth"].value)
     for name in ("depth", "imu.preset", "rate"):
         with pytest.raises(InsNavError, match=f"{name} cannot change along a trajectory; simulate auv_dive anew"):
             first.redrawn(1, **{name: 3.0})

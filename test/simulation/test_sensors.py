@@ -7,10 +7,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 from simulation_harness import close
 
+from ins_nav.aiding.gnss import GnssReceiver
 from ins_nav.mechanization import earth
 from ins_nav.simulation.motion import Motion, constant
 from ins_nav.simulation.scenarios import START_NS
-from ins_nav.simulation.sensors import PRESETS, GnssReceiver, ImuErrors
+from ins_nav.simulation.sensors import PRESETS, ImuErrors
 from ins_nav.simulation.trajectory import EarthMotion, Origin
 
 
