@@ -12,16 +12,18 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ins_nav.config.sections import Vector
 from ins_nav.mechanization.attitude import Quaternion, from_rotation_vector, multiply, normalized, rotate
+from ins_nav.mechanization.compiled import compiled
 from ins_nav.mechanization.earth import RATE
-from ins_nav.mechanization.strapdown import Sample, compensated_increments
+from ins_nav.mechanization.strapdown import Sample, increments
 
 Array = NDArray[np.float64]
 
 BLOCKS = 120
 """Blocks in an alignment: enough to tell the noise processes apart, few enough for dense algebra in 0.1 s."""
 MAX_SAMPLES = 100_000
-"""Samples kept to judge noise and units by: four minutes at 400 Hz, 40 MB."""
+"""Samples kept to judge noise and units by: four minutes at 400 Hz, 30 MB."""
 _NOISE_TIME = 60.0
 """s of samples to judge noise by, at least: in 5 s at 20 Hz it is known to 10 % only."""
 _STRAIGHT_TIME = 600.0
@@ -60,6 +62,51 @@ class Blocks:
         return float(np.abs(velocity - velocity.mean(axis=0)).max())
 
 
+def carry(
+    q_b0b: Quaternion, velocity: Vector, previous: Sample, sample: Sample, instantaneous: bool
+) -> tuple[Quaternion, Vector]:
+    """Attitude and the integral of specific force on b0, m/s, after one more sample.
+
+    Parameters
+    ----------
+    q_b0b : Quaternion
+        Body to b0 at the previous sample.
+    velocity : 3 floats
+        The integral up to the previous sample, m/s.
+    previous, sample, instantaneous
+        As in `ins_nav.mechanization.strapdown.step`.
+    """
+    rx, ry, rz, ux, uy, uz = increments(previous, sample, instantaneous)
+    ux, uy, uz = rotate(q_b0b, ux, uy, uz)
+    vx, vy, vz = velocity
+    return normalized(multiply(q_b0b, from_rotation_vector(rx, ry, rz))), (vx + ux, vy + uy, vz + uz)
+
+
+def _carry_block(
+    q_b0b: Quaternion,
+    velocity: Vector,
+    time: float,
+    block_start: float,
+    least_length: float,
+    keep_until: float,
+    previous: Sample,
+    samples: Array,
+    instantaneous: bool,
+) -> tuple[Quaternion, Vector, float, int, int]:
+    """`carry` up to the end of a block; how many samples that were, and how many of them are kept."""
+    kept = count = 0
+    while count < len(samples) and time - block_start < least_length:
+        h, wx, wy, wz, fx, fy, fz = samples[count]
+        sample = h, wx, wy, wz, fx, fy, fz
+        count += 1
+        if time < keep_until:
+            kept = count
+        q_b0b, velocity = carry(q_b0b, velocity, previous, sample, instantaneous)
+        time += h
+        previous = sample
+    return q_b0b, velocity, time, count, kept
+
+
 class GravityCone:
     """Carries attitude on b0 and averages specific force there.
 
@@ -84,11 +131,13 @@ class GravityCone:
         self.duration = duration
         self.time = 0.0
         self.q_b0b: Quaternion = (0.0, 0.0, 0.0, 1.0)
-        self.rest = [0.0, 0.0, 0.0]
+        self.rest: Vector = (0.0, 0.0, 0.0)
         self._block_length = duration / BLOCKS
         self._block_start = 0.0
         self._blocks: list[tuple[float, ...]] = []
-        self._samples: list[tuple[Sample, Sample, bool]] = []
+        self._keep_until = max(duration, _NOISE_TIME)
+        self._samples: list[Sample] = []
+        self._first: tuple[Sample, bool] | None = None
 
     def __len__(self) -> int:
         return len(self._blocks)
@@ -103,46 +152,68 @@ class GravityCone:
         return self.time <= 1.01 * self.duration and len(self._samples) < MAX_SAMPLES
 
     def add(self, previous: Sample, sample: Sample, instantaneous: bool) -> bool:
-        """Take one sample, as `ins_nav.mechanization.strapdown.step` does; True when a block was completed."""
-        if self.time < max(self.duration, _NOISE_TIME) and len(self._samples) < MAX_SAMPLES:
-            self._samples.append((previous, sample, instantaneous))
-        return self._integrate(previous, sample, instantaneous, 1.0)
+        """Add one sample, as `ins_nav.mechanization.strapdown.step` does; True when a block was completed."""
+        if self.time < self._keep_until and len(self._samples) < MAX_SAMPLES:
+            self._keep(previous, [sample], instantaneous)
+        self.q_b0b, self.rest = carry(self.q_b0b, self.rest, previous, sample, instantaneous)
+        self.time += sample[0]
+        return self._end_block()
 
-    def _integrate(self, previous: Sample, sample: Sample, instantaneous: bool, gyro_unit: float) -> bool:
-        """Carry attitude and velocity on b0; True when a block was completed."""
-        h0, ax, ay, az, bx, by, bz = previous
-        h, wx, wy, wz, fx, fy, fz = sample
-        change = 1.0 if instantaneous else 2.0 * h / (h0 + h)
-        back = 0.5 if instantaneous else 0.0  # from the value at the end to the mean
-        u = gyro_unit
-        dw = (u * (wx - ax), u * (wy - ay), u * (wz - az))
-        df = (fx - bx, fy - by, fz - bz)
-        rx, ry, rz, ux, uy, uz = compensated_increments(
-            h,
-            u * wx - back * dw[0],
-            u * wy - back * dw[1],
-            u * wz - back * dw[2],
-            fx - back * df[0],
-            fy - back * df[1],
-            fz - back * df[2],
-            *(change * x for x in dw),
-            *(change * x for x in df),
+    def add_block(self, previous: Sample, samples: Array, instantaneous: bool) -> tuple[int, bool]:
+        """Add samples, as `add` would one after the other, up to the end of a block; compiled.
+
+        Parameters
+        ----------
+        previous : Sample
+            Before the first.
+        samples : ndarray, shape (n, 7)
+            A `Sample` a row.
+        instantaneous : bool
+            As in `ins_nav.mechanization.strapdown.step`.
+
+        Returns
+        -------
+        int
+            Number of samples added.
+        bool
+            Whether a block was completed.
+        """
+        samples = np.ascontiguousarray(samples, dtype=float)
+        self.q_b0b, self.rest, self.time, count, kept = compiled(_carry_block)(
+            self.q_b0b,
+            self.rest,
+            self.time,
+            self._block_start,
+            self._least_length,
+            self._keep_until,
+            previous,
+            samples,
+            instantaneous,
         )
-        ux, uy, uz = rotate(self.q_b0b, ux, uy, uz)
-        v = self.rest
-        v[0] += ux
-        v[1] += uy
-        v[2] += uz
-        self.q_b0b = normalized(multiply(self.q_b0b, from_rotation_vector(rx, ry, rz)))
-        self.time += h
-        length = self.time - self._block_start
-        if length < self._block_length * (1.0 - 1e-6):
+        kept = min(kept, MAX_SAMPLES - len(self._samples))
+        self._keep(previous, list(map(tuple, samples[:kept].tolist())), instantaneous)
+        return count, self._end_block()
+
+    def _keep(self, previous: Sample, samples: list[Sample], instantaneous: bool) -> None:
+        if not self._samples:
+            self._first = previous, instantaneous
+        self._samples += samples
+
+    @property
+    def _least_length(self) -> float:
+        """Of a complete block, s."""
+        return self._block_length * (1.0 - 1e-6)
+
+    def _end_block(self) -> bool:
+        """End the block if it is complete; whether it is."""
+        length, v = self.time - self._block_start, self.rest
+        if length < self._least_length:
             return False
         self._blocks.append(
             (self._block_start + 0.5 * length, length, v[0] / length, v[1] / length, v[2] / length, *self.q_b0b)
         )
         self._block_start = self.time
-        self.rest = [0.0, 0.0, 0.0]
+        self.rest = (0.0, 0.0, 0.0)
         if len(self._blocks) == 2 * BLOCKS:
             self._join_blocks()
         return True
@@ -170,7 +241,7 @@ class GravityCone:
         Second differences of means over 1, 2, 4, ... samples show white noise with hardly any of the motion; motion
         and quantization only add, so the least of them is nearest.
         """
-        samples = np.array([sample for _, sample, _ in self._samples])
+        samples = np.array(self._samples)
         samples = samples[np.cumsum(samples[:, 0]) <= until]
         interval = float(np.median(samples[:, 0]))
         density, penalty = [], []
@@ -187,20 +258,30 @@ class GravityCone:
 
     def vertical_rate(self) -> float:
         """Mean turning about the vertical, rad/s."""
-        h, wx, wy, wz, fx, fy, fz = np.array([sample for _, sample, _ in self._samples]).T
+        h, wx, wy, wz, fx, fy, fz = np.array(self._samples).T
         up = np.array([h @ fx, h @ fy, h @ fz])
         return float(up @ [h @ wx, h @ wy, h @ wz] / (np.linalg.norm(up) * h.sum()))
 
     def mean_size(self) -> float:
         """Mean size of specific force in the samples kept, m/s²."""
-        return float(np.mean([math.hypot(*sample[4:7]) for _, sample, _ in self._samples]))
+        return float(np.mean([math.hypot(*sample[4:7]) for sample in self._samples]))
 
     def in_degrees(self) -> Blocks:
         """The blocks again, with the gyros' output taken as degrees per second."""
+        assert self._first is not None
         trial = GravityCone(self.duration)
-        for sample in self._samples:
-            trial._integrate(*sample, math.radians(1.0))
+        first, instantaneous = self._first
+        previous = _in_degrees(first)
+        for sample in map(_in_degrees, self._samples):
+            trial.add(previous, sample, instantaneous)
+            previous = sample
         return trial.blocks()
+
+
+def _in_degrees(sample: Sample) -> Sample:
+    """The sample, its rates taken as degrees per second."""
+    h, wx, wy, wz, fx, fy, fz = sample
+    return h, math.radians(wx), math.radians(wy), math.radians(wz), fx, fy, fz
 
 
 def cone_path(lat: float, time: Array) -> Array:

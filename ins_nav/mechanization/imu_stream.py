@@ -107,8 +107,9 @@ def _regular_run(
         h = regular_interval(stamps[i], last_ns, until_ns, regular, max_rate2, max_force2, wx, wy, wz, fx, fy, fz)
         if h == 0.0:
             return i - first
-        samples[row + i - first, 0] = h
-        samples[row + i - first, 1:] = values[i]
+        sample = h, wx, wy, wz, fx, fy, fz
+        for j in range(len(sample)):
+            samples[row + i - first, j] = sample[j]
         last_ns = stamps[i]
     return len(stamps) - first
 

@@ -200,24 +200,17 @@ def advance(
     )
 
 
-def step(state: NavState, previous: Sample, sample: Sample, instantaneous: bool, vertical: bool) -> NavState:
-    """One IMU sample: increments with coning and sculling, then the navigation equations.
+def increments(
+    previous: Sample, sample: Sample, instantaneous: bool
+) -> tuple[float, float, float, float, float, float]:
+    """`compensated_increments` of one IMU sample.
 
     Parameters
     ----------
-    state : NavState
-        At the stamp of the previous sample.
     previous, sample : Sample
         The previous sample and this one, (h, wx, wy, wz, fx, fy, fz); h is the interval each one ends.
     instantaneous : bool
         Samples are values at their stamps; otherwise means over the intervals they end (increment / interval).
-    vertical : bool
-        Integrate the vertical channel.
-
-    Returns
-    -------
-    NavState
-        At the stamp of this sample.
     """
     h0, ax, ay, az, bx, by, bz = previous
     h, wx, wy, wz, fx, fy, fz = sample
@@ -228,7 +221,7 @@ def step(state: NavState, previous: Sample, sample: Sample, instantaneous: bool,
     else:
         change = 2.0 * h / (h0 + h)
         mx, my, mz, nx, ny, nz = wx, wy, wz, fx, fy, fz
-    rx, ry, rz, ux, uy, uz = compensated_increments(
+    return compensated_increments(
         h,
         mx,
         my,
@@ -243,7 +236,27 @@ def step(state: NavState, previous: Sample, sample: Sample, instantaneous: bool,
         change * (fy - by),
         change * (fz - bz),
     )
-    return advance(state, h, rx, ry, rz, ux, uy, uz, vertical)
+
+
+def step(state: NavState, previous: Sample, sample: Sample, instantaneous: bool, vertical: bool) -> NavState:
+    """One IMU sample: increments with coning and sculling, then the navigation equations.
+
+    Parameters
+    ----------
+    state : NavState
+        At the stamp of the previous sample.
+    previous, sample, instantaneous
+        As in `increments`.
+    vertical : bool
+        Integrate the vertical channel.
+
+    Returns
+    -------
+    NavState
+        At the stamp of this sample.
+    """
+    rx, ry, rz, ux, uy, uz = increments(previous, sample, instantaneous)
+    return advance(state, sample[0], rx, ry, rz, ux, uy, uz, vertical)
 
 
 def without_bias(sample: Sample, gyro_bias: Vector, accel_bias: Vector) -> Sample:

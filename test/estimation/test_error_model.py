@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from filter_harness import difference
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
@@ -88,24 +89,6 @@ def run(
         samples[:, 1:] = samples[:, 1:] @ FURTHER.correction(further).T
     states = strapdown.integrate(state, tuple(samples[0]), samples, vertical=vertical)
     return np.vstack([state, states])
-
-
-def difference(computed: nav_state.NavState, true: nav_state.NavState) -> Array:
-    """The error state between two solutions, by rotations alone: nothing of the model or of `apply` is used."""
-    q = [(Rotation.from_quat(s[0:4]), Rotation.from_quat(s[7:11])) for s in (computed, true)]
-    x = np.zeros(SIZE)
-    turn = (q[1][1].inv() * q[0][1]).as_rotvec()  # computed n from the true one; its vertical part is azimuth alone
-    azimuth = Rotation.from_rotvec([0.0, 0.0, turn[2]])
-    away = np.subtract(nav_state.position_ecef(computed), nav_state.position_ecef(true))
-    x[0:3] = q[0][1].inv().apply(away)
-    x[2] = computed[11] - true[11]
-    rot = q[0][0] * (azimuth.inv() * q[1][0]).inv()
-    twist = rot.as_quat()
-    heading = 2.0 * math.atan2(twist[2], twist[3])  # swing after twist
-    x[6:8] = (rot * Rotation.from_rotvec([0.0, 0.0, -heading])).as_rotvec()[:2]
-    x[HEADING], x[COSINE] = math.sin(heading), 1.0 - math.cos(heading)
-    x[3:6] = np.subtract(computed[4:7], (rot * azimuth.inv()).apply(true[4:7]))
-    return x
 
 
 def model(vertical: bool) -> ErrorModel:

@@ -5,7 +5,10 @@ import subprocess
 import sys
 import types
 
+import pytest
+
 from ins_nav.mechanization.compiled import _digest, compiled
+from ins_nav.mechanization.strapdown import increments
 
 SCALE = 2.0
 
@@ -19,8 +22,11 @@ def _outer(x: float) -> float:
 
 
 def test_calls_are_compiled_too() -> None:
-    assert compiled(_outer)(9.0) == _outer(9.0) == 7.0
-    assert compiled(_outer) is compiled(_outer)
+    previous, sample = (0.01, 0.1, 0.2, 0.3, 1.0, 2.0, 9.0), (0.02, 0.2, 0.1, 0.4, 2.0, 1.0, 9.5)
+    for instantaneous in (True, False):
+        found = compiled(increments)(previous, sample, instantaneous)
+        assert found == pytest.approx(increments(previous, sample, instantaneous), rel=1e-14)
+    assert compiled(increments) is compiled(increments)
 
 
 def test_the_digest_changes_with_callees_and_constants() -> None:

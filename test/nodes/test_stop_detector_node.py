@@ -6,10 +6,8 @@ from pathlib import Path
 import pytest
 from ros_harness import Listener, Process, Ros, needs_ros
 
-from ins_nav.config.sections import StopDetectorSection
 from ins_nav.simulation.recording import write_bag
 from ins_nav.simulation.scenarios import simulate
-from ins_nav.stop_detection.service_schedule import ServiceSchedule
 
 BOOL, DIAGNOSTICS = "std_msgs/msg/Bool", "diagnostic_msgs/msg/DiagnosticArray"
 SERVER = Path(__file__).parents[1] / "trigger_server.py"
@@ -123,41 +121,3 @@ def test_parameter_errors_are_one_line(tmp_path: Path) -> None:
         assert process.wait() == 1
         wanted = "stop_detector_node: unknown parameter stop.max_sped: did you mean stop.max_speed?"
         assert [line for line in process.stderr.splitlines() if line] == [wanted]
-
-
-def calls(policy: ServiceSchedule, length: int, success: bool) -> list[tuple[str, int]]:
-    """Calls in a stop of so many seconds, each answered at once."""
-    made = []
-    policy.arrive()
-    for second in range(length):
-        while second * 10**9 >= policy.due_ns:
-            made.append((policy.take(), second))
-            policy.answered(made[-1][0], policy.stop, success)
-    return made
-
-
-def test_policy_start_sequence() -> None:
-    policy = ServiceSchedule(StopDetectorSection("zupt1", 10.0, 20.0))
-    both = ("zupt1", "zupt2")
-    assert calls(policy, 45, False) == [(name, second) for second in (10, 30) for name in both]
-    assert calls(policy, 45, True) == [("zupt1", 10), ("zupt2", 20), ("zupt2", 40)]
-    assert calls(policy, 9, True) == []
-    assert calls(policy, 15, True) == [("zupt1", 10)]
-    assert calls(policy, 90, True) == [("zupt2", 20), ("zupt2", 40), ("zupt2", 80)]
-    policy.restart()
-    assert calls(policy, 15, True) == [("zupt1", 10)]
-    assert calls(ServiceSchedule(StopDetectorSection("zupt2", 10.0, 20.0)), 30, True) == [("zupt2", 20)]
-    none = ServiceSchedule(StopDetectorSection("none", 10.0, 20.0))
-    assert calls(none, 100, True) == []
-    assert calls(none, 30, True) == [("zupt2", 20)]
-
-
-def test_policy_waits_for_the_answer() -> None:
-    policy = ServiceSchedule(StopDetectorSection("zupt1", 10.0, 20.0))
-    policy.arrive()
-    first = policy.take()
-    assert policy.due_ns > 3600 * 10**9  # not before the answer
-    policy.arrive()
-    assert policy.due_ns == 10 * 10**9  # nor is a lost one waited for at the next stop
-    policy.answered(first, 1, False)  # late, of another stop: changes nothing
-    assert policy.due_ns == 10 * 10**9
