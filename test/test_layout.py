@@ -24,7 +24,6 @@ WITHOUT_TEST = {
     "aiding/registry.py",
     "aiding/velocity_log.py",
     "alignment/gravity_cone.py",
-    "alignment/handover.py",
     "config/sections.py",
     "messages/correction_codec.py",
     "messages/diagnostics.py",
