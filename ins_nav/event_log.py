@@ -1,4 +1,4 @@
-"""What went wrong and how often: counted for diagnostics, told without flooding the log."""
+"""Events: counted for diagnostics, reported at a limited rate."""
 
 from dataclasses import dataclass
 
@@ -16,41 +16,41 @@ class Report:
 
 
 class EventLog:
-    """Counts events by kind and keeps the lines worth telling until `drain` takes them."""
+    """Counts events by kind and queues lines for the log until `drain`."""
 
     def __init__(self) -> None:
         self.counts: dict[str, int] = {}
-        self._told: dict[str, tuple[int, int]] = {}
+        self._reported: dict[str, tuple[int, int]] = {}
         self._reports: list[Report] = []
         self._latest: dict[str, tuple[int, Report]] = {}
 
     def count(self, kind: str, level: str, text: str, stamp_ns: int) -> None:
-        """Count an event; tell it when it is the first of its kind or the last telling was 10 s of data ago."""
+        """Count an event; report it if it is the first of its kind or the last report is 10 s of data ago."""
         count = self.counts.get(kind, 0) + 1
         self.counts[kind] = count
         self._latest[kind] = (stamp_ns, Report(level, text))
-        told_stamp, told_count = self._told.get(kind, (0, 0))
-        if told_count and abs(stamp_ns - told_stamp) < _REPEAT_AFTER:
+        reported_ns, reported_count = self._reported.get(kind, (0, 0))
+        if reported_count and abs(stamp_ns - reported_ns) < _REPEAT_AFTER:
             return
-        since = count - told_count - 1
-        self._told[kind] = (stamp_ns, count)
+        since = count - reported_count - 1
+        self._reported[kind] = (stamp_ns, count)
         self._reports.append(Report(level, f"{text} ({since} more since the last report)" if since else text))
 
     def report(self, level: str, text: str) -> None:
-        """A line that is always told."""
+        """Report a line that is not throttled."""
         self._reports.append(Report(level, text))
 
     def recent(self, stamp_ns: int) -> list[Report]:
-        """The latest event of each kind that came in the last 10 s of data, latest last."""
+        """The latest event of each kind within the last 10 s of data, latest last."""
         near = [entry for entry in self._latest.values() if abs(stamp_ns - entry[0]) < _REPEAT_AFTER]
         return [report for _, report in sorted(near, key=lambda entry: entry[0])]
 
     @property
     def pending(self) -> bool:
-        """Whether `drain` has something to give."""
+        """Whether lines are queued."""
         return bool(self._reports)
 
     def drain(self) -> list[Report]:
-        """The lines not yet taken, oldest first."""
+        """Return the queued lines, oldest first, and empty the queue."""
         reports, self._reports = self._reports, []
         return reports

@@ -1,37 +1,37 @@
-"""Stops, found in the IMU's stream alone.
+"""Stop detection from the IMU's stream alone.
 
-A base at rest is still in two ways, and both are asked for:
+A stationary base satisfies two tests:
 
 - *It does not shake.* Rate and specific force over a window of 1 s are tested against their mean: the generalized
-  likelihood ratio of [1]_, with the noise of the IMU (learnt at rest, or given) and what an idling engine adds.
-  Gyros are tested against what they show at rest: a slow even turn is motion.
-- *It does not travel.* An even creep cannot be felt, its beginning can: the velocity since the last rest is dead
-  reckoned, with its covariance. Only a velocity and an acceleration that agree with zero make a stop. After some
-  minutes of driving the velocity says little, and the first test decides, unless this carrier has been seen to go
-  without shaking.
+  likelihood ratio of [1]_, with the noise of the IMU (estimated at rest, or given) and the vibration of an idling
+  engine. Gyros are tested against their rate at rest, so that a slow even turn is motion.
+- *It does not travel.* Specific force does not reveal an even creep, only its beginning: the velocity since the last
+  rest is dead reckoned, with its covariance. A stop requires a velocity and an acceleration that agree with zero. After
+  some minutes of driving the velocity is too uncertain and the first test decides, unless this carrier has moved
+  without shaking before.
 
-A carrier that glides (a train, a ship, a robot on a smooth floor) is not asked whether it shakes, but what is likelier:
-that it stands, or that it glides on at a velocity like those seen in this drive, or a lower one. Its acceleration is
-held to be zero while the velocity goes straight on, which tells tilt and biases, so that the velocity stays known for
-minutes. The longer the stillness, the likelier a stop. When the velocity is no longer known to a fraction of
-that of the glides, stillness decides in the end, after some minutes: a stop that is never found does more harm then.
+For a carrier that glides (a train, a ship, a robot on a smooth floor) the shaking test is replaced by a likelihood
+ratio: standing against gliding at a velocity like those observed in this drive, or a lower one. While the velocity is a
+straight line, zero acceleration is a measurement of tilt and biases, which keeps the velocity accurate for minutes. The
+odds of a stop grow with the duration of stillness. Once the velocity's sigma exceeds a fraction of the glides'
+velocities, stillness decides after some minutes: a stop that is never detected does more harm then.
 
-A base that rocks without end (people in a car, swell) stands when its velocity over 10 s is that of tilt and biases
-but for a few cm/s, and it does not turn. A stop, once found, ends when the base
+A base that rocks without end (people in a car, swell) is stationary when its velocity over 10 s differs from that of
+tilt and biases by a few cm/s at most, and it does not turn. A stop ends when the base
 
-- travels: rocking is none as long as the velocity stays under ``max_speed``;
-- is turned where it stands: yaw leaves its mean over 20 s by 5° and what drift may do, or the base is still, tilted by
-  5° since it was still before. Swaying and rocking by as much is no turn;
+- travels: rocking does not count while the velocity stays under ``max_speed``;
+- turns on the spot: yaw leaves its mean over 20 s by 5° and the possible drift, or the base is still again with a tilt
+  that differs by 5° from the last still one. Swaying and rocking by as much is no turn;
 - or after a gap in the stream of more than 1 s.
 
-What cannot be told: a recording that starts in even motion, without shaking, looks like rest; so does, after faster
-glides, one at less than twice the standard deviation of the velocity; and with a MEMS sensor a start so gentle that its
-acceleration grows like the error of a tilt by the gyro bias.
+Limits of the method. These look like rest: a recording that starts in even motion without shaking; after faster glides,
+one at less than twice the standard deviation of the velocity; with a MEMS sensor, a start so gentle that its
+acceleration grows like the effect of the gyro bias on tilt.
 
-What is learnt at a stop is what rest alone can show: that there is no velocity, and no yaw on the whole. A mean rate of
-some seconds is no gyro bias, slow rocking looks the same. When velocity runs away all the same, all is forgotten.
+At a stop the filter uses zero velocity and zero mean yaw rate only. A mean rate over some seconds is no measurement of
+gyro bias: slow rocking looks the same. When the velocity diverges nevertheless, the filter is reset.
 
-Samples are summed over blocks of 0.1 s, so that vibration of tens of Hz averages out; all tests are made once a block.
+Samples are summed over blocks of 0.1 s, so that vibration of tens of Hz averages out; all tests run once a block.
 
 References
 ----------
@@ -58,22 +58,22 @@ from ins_nav.stop_detection.turn_monitor import TurnMonitor
 from ins_nav.stop_detection.velocity_filter import LONG_BLOCK, VelocityFilter
 
 _HISTORY = 100
-"""Blocks of velocity kept to find when a stop began."""
+"""Blocks of velocity in which the beginning of a stop is sought."""
 _START_SPEED = 0.05
 """m/s: the stop began when the speed fell below this."""
 _REST_SPEED = 0.01
 """m/s: sway of a base that passes the first test (0.02 m/s² at 1 Hz is a third of it)."""
 _LOOK_BACK = 3.0
-"""s before the still time in which a stop's beginning is sought."""
+"""s before the still time that belong to this search."""
 _SWAY = 0.15
 """Of max_speed: a base that sways from the first stands when its velocity varies by less over 10 s, RMS, apart from
 the parabola that tilt and gyro biases make of it."""
 _SWAY_EVERY = 500_000_000
-"""ns between two looks for that."""
+"""ns between two such tests."""
 _ROLL = 1.0
-"""m/s: whoever rolls faster shakes."""
+"""m/s: a carrier that rolls faster shakes."""
 _GLIDES = 0.1
-"""Share of the time surely spent moving: a carrier that is still for more of it is a smooth one (a ship, a train)."""
+"""Share of the certainly moving time: a carrier that is still for more of it moves smoothly (a ship, a train)."""
 _GLIDE_TIME = 30.0
 """s: a stillness of so long is half as likely for a glide as for a stop."""
 _ODDS = 20.0
@@ -81,27 +81,27 @@ _ODDS = 20.0
 _EVEN_BLOCKS = 40
 """Blocks over which a glide must be even."""
 _STRAIGHT = 0.01
-"""m/s: velocity goes by a straight line when it is nowhere off by more."""
+"""m/s: largest deviation of a velocity that counts as a straight line."""
 _CERTAIN = 5.0
 """s: a shorter stop may have been an even roll, if the velocity was not well known when it began."""
 _DOUBTED_TILT = 0.01
-"""rad: and its end may have been taken for a tilt, 0.2 m/s gained in 2 s."""
+"""rad: and its end may have been mistaken for a tilt, 0.2 m/s gained in 2 s."""
 _ARRIVAL_ALARM = 0.05
-"""Probability to wait for more: the standard deviation grows with time, a creep that is taken for a stop does harm."""
+"""Probability to wait for more: the standard deviation grows with time, a creep mistaken for a stop does harm."""
 _EPOCHS = 10
-"""Windows of a stop that can be taken back when it ends: a slow start looks like rest at first."""
+"""Windows of a stop that can be undone when it ends: a slow start looks like rest at first."""
 _TURN_EPOCHS = 40
-"""Windows that can be taken back after a turn, which shows later than travel does."""
+"""Windows that can be undone after a turn, which is detected later than travel."""
 _TURN_GOES_ON = math.radians(0.1)
-"""Who has turned by more in 10 s may be ending a turn gently."""
+"""A larger turn within 10 s may be the gentle end of one."""
 _EPOCH_MARGIN = 1_000_000_000
-"""ns before the estimated start that are taken back too, and as long again as the start was not noticed."""
+"""ns before the estimated start that are undone too, besides the time in which the start was not detected."""
 _SMOOTHING = 0.02
 """Share of a new variance in the mean over 5 s."""
 _LEAST = 2.0
-"""The least of many such means is about half of the variance."""
+"""Variance over the least of many such means."""
 _FORGETTING = 1.001
-"""Growth of the least variance a block: a sensor that has become noisier is known in minutes."""
+"""Growth of the least variance a block: adapts to a noisier sensor within minutes."""
 _NOISE_FLOOR = 0.005
 """Of sway and vibration: no base is quieter."""
 
@@ -119,9 +119,9 @@ class Change(NamedTuple):
     ----------
     stopped : bool
     stamp_ns : int
-        When it began or ended, as the data shows it: before the decision.
+        Estimated time of beginning or end, before the decision.
     decided_ns : int
-        Stamp of the sample that brought the decision.
+        Stamp of the sample at which the decision fell.
     """
 
     stopped: bool
@@ -131,14 +131,14 @@ class Change(NamedTuple):
 
 @dataclass(frozen=True)
 class StopLimits:
-    """What is a stop.
+    """Limits that define a stop.
 
     Attributes
     ----------
     window : float
         Length of the test window, s.
     min_duration : float
-        A stop is one after so many still seconds.
+        Least duration of a stop, s.
     max_speed : float
         Mean over a window from which on the base travels, m/s.
     vibration : float
@@ -148,9 +148,9 @@ class StopLimits:
     false_alarm : float
         Probability that a window at rest fails a test.
     gyro_noise : float
-        White noise, rad/√s; NaN: learnt at rest.
+        White noise, rad/√s; NaN: estimated at rest.
     accel_noise : float
-        White noise, m/s/√s; NaN: learnt at rest.
+        White noise, m/s/√s; NaN: estimated at rest.
     """
 
     window: float = 1.0
@@ -164,7 +164,7 @@ class StopLimits:
 
     @classmethod
     def of(cls, stop: StopSection, imu: ImuSection) -> Self:
-        """Those of a vehicle and its IMU."""
+        """Limits of a vehicle and its IMU."""
         return cls(
             max_speed=stop.max_speed,
             vibration=stop.vibration,
@@ -175,7 +175,7 @@ class StopLimits:
 
 
 class StopDetector:
-    """Takes checked samples, tells stops.
+    """Detects stops in a stream of checked samples.
 
     Parameters
     ----------
@@ -191,7 +191,7 @@ class StopDetector:
     shake : float
         Statistic of the first test over its threshold: below 1 the base does not shake.
     noise : 2 floats
-        Standard deviation of an axis over 0.1 s by the sensors, rad/s and m/s²: given or learnt; until then the
+        Standard deviation of an axis over 0.1 s by the sensors, rad/s and m/s²: given or estimated; until then the
         limits' sway and vibration.
     """
 
@@ -211,14 +211,14 @@ class StopDetector:
         self.restart()
 
     def restart(self) -> None:
-        """Forget everything but the IMU's noise: the stamps have jumped."""
+        """Reset everything but the IMU's noise: the stamps have jumped."""
         self.stopped = False
         self.since_ns = self.stamp_ns = 0
         self._reckoning = VelocityFilter()
         self._lose_track()
 
     def _lose_track(self) -> None:
-        """After a gap nothing is known but the biases."""
+        """Reset everything but the biases: after a gap."""
         self.shake = math.inf
         self._reckoning.lose_track()
         self._blocks: deque[tuple[float, ...]] = deque(maxlen=self._size + 1)
@@ -234,7 +234,7 @@ class StopDetector:
 
     @property
     def rest_ns(self) -> int:
-        """How long the present stop lasts, ns; 0 when there is none."""
+        """Duration of the present stop, ns; 0 while moving."""
         return self.stamp_ns - self.since_ns if self.stopped else 0
 
     @property
@@ -346,7 +346,7 @@ class StopDetector:
         return spread
 
     def _arrive(self, accel: float) -> Change | None:
-        """While moving: has a stop begun?"""
+        """Test for the beginning of a stop."""
         reckoning, tracked = self._reckoning, len(self._track)
         if self._may_glide():
             return None
@@ -386,10 +386,10 @@ class StopDetector:
         return Change(True, self.since_ns, self.stamp_ns)
 
     def _may_glide(self) -> bool:
-        """Whether stillness says little: this drive has been without shaking before, and may be so now."""
+        """Whether stillness is no evidence: this carrier has moved without shaking before, and may do so now."""
         reckoning = self._reckoning
         speed, stddev = reckoning.speed, reckoning.speed_stddev
-        along = complex(*reckoning.velocity) * cmath.exp(-1j * reckoning.yaw)  # carriers mostly go where they point
+        along = complex(*reckoning.velocity) * cmath.exp(-1j * reckoning.yaw)  # carriers mostly move along their nose
         sure = speed > self._sigmas * stddev + self.limits.max_speed
         self._sure += sure
         self._glided += sure and self._still > self._size
@@ -403,7 +403,7 @@ class StopDetector:
         return odds * (1.0 + self._still * BLOCK / _GLIDE_TIME) < _ODDS
 
     def _coasts(self) -> bool:
-        """Whether the velocity goes straight on, without acceleration: then this is learnt."""
+        """Whether the velocity is a straight line; zero acceleration is then a measurement."""
         if len(self._track) <= _EVEN_BLOCKS:
             return False
         track = np.array(list(self._track)[-_EVEN_BLOCKS - 1 :])
@@ -416,7 +416,7 @@ class StopDetector:
         return self._reckoning.coast(trend[1], noise, self._sigmas**2)
 
     def _began(self, blocks: int, trend: NDArray[np.float64]) -> int:
-        """When the speed fell to zero, given that the base stands since some blocks and what it seemed to do then."""
+        """Stamp at which the speed fell to zero, given the trend of the velocity over the blocks at rest."""
         before = list(self._track)[-blocks - round(_LOOK_BACK / BLOCK) :]
         age = np.array([place[0] - self.stamp_ns for place in before]) * 1e-9
         off = np.array([place[3:5] for place in before]) - np.vander(age, len(trend), increasing=True) @ trend
@@ -424,7 +424,7 @@ class StopDetector:
         return before[min(int(moving[-1]) + 1, len(before) - 1) if len(moving) else 0][0]
 
     def _stay(self, spread: list[float]) -> Change | None:
-        """While at a stop: has it ended? Otherwise learn from it."""
+        """Test for the end of the stop; without one, use the block as a measurement."""
         limits, reckoning = self.limits, self._reckoning
         still = self.shake < 1.0
         margin = self._sigmas * reckoning.speed_stddev
@@ -435,7 +435,7 @@ class StopDetector:
             return self._leave(fast)
         if still:
             self._learn(spread)
-        # a tilt has ended already: the velocity was held all the time, nothing is to be taken back
+        # a tilt has ended already, with zero velocity in use all the time: nothing to undo
         tilted_ns = self._turns.tilted(reckoning, self.since_ns) if self._still > 2 * self._size else 0
         if tilted_ns:
             self._track = deque(list(self._track)[-2 * self._size :], _HISTORY)
@@ -449,11 +449,11 @@ class StopDetector:
         return None
 
     def _leave(self, travels: bool) -> Change:
-        """The stop is over, and was for a while: take back what was learnt from it since it seems to have ended."""
+        """End the stop, and undo its measurements since the estimated end, which is some time ago."""
         turns = self._turns.turn_began(self._reckoning, self.since_ns)
         epochs, ended, least = list(self._epochs), turns, 0
         if travels:
-            # of a short stop half is kept in any case: taken back as a whole it would teach nothing
+            # of a short stop half is kept in any case
             least = 0 if len(epochs) >= _EPOCHS else len(epochs) // 2
             epochs = epochs[-_EPOCHS:]
             ended = min(turns, self._again(epochs)[2])
@@ -478,7 +478,7 @@ class StopDetector:
         return Change(False, ended, self.stamp_ns)
 
     def _again(self, epochs: list[_Epoch]) -> tuple[VelocityFilter, list[_Place], int]:
-        """Dead reckoning from the first of the epochs to now, its track, and when the base was last seen to stand."""
+        """Repeat dead reckoning from the first of the epochs; the track, and the last stamp at rest."""
         reckoning = copy.copy(epochs[0][1])
         track, ended = [], epochs[0][0]
         for stamp, block in (block for epoch in epochs for block in epoch[2]):
@@ -489,7 +489,7 @@ class StopDetector:
         return reckoning, track, ended
 
     def _learn(self, spread: list[float]) -> None:
-        """Noise from the quietest axis and time at rest: engines and people only add."""
+        """Estimate the noise from the quietest axis and time at rest: engines and people only add to it."""
         variance = [s / (self._size - 1) for s in spread]
         before = self._variance or variance
         self._variance = smooth = [b + _SMOOTHING * (v - b) for b, v in zip(before, variance, strict=True)]

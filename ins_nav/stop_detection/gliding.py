@@ -1,4 +1,4 @@
-"""The odds that a carrier glides evenly rather than stands."""
+"""Odds of standing against gliding evenly."""
 
 import math
 from collections import deque
@@ -8,17 +8,17 @@ import numpy as np
 _GLIDES_KEPT = 100
 """Velocities of even gliding that are kept, one every 4 s."""
 _GLIDE_SPREAD = 0.3
-"""Of these velocities: what the next glide may differ by, standard deviation."""
+"""Standard deviation of the next glide's velocity, of these velocities."""
 _SLOWER = 0.1
 """Probability of a glide at any lower speed."""
 _EVENNESS = 0.005
 """1/s: mean acceleration of an even glide over 4 s, standard deviation, of its speed."""
 _EVEN = 0.01
-"""m/s²: but not more."""
+"""m/s²: its upper limit."""
 
 
 class Glides:
-    """The velocities at which a carrier has been seen to go without shaking.
+    """Velocities at which a carrier has moved without shaking.
 
     Attributes
     ----------
@@ -35,12 +35,12 @@ class Glides:
         return min(_EVEN, _EVENNESS * pace)
 
     def odds_of_rest(self, velocity: complex, variance: float) -> float:
-        """How much likelier rest is than one of these glides, or a slower one.
+        """Likelihood of rest over that of one of these glides, or a slower one.
 
         Parameters
         ----------
         velocity : complex
-            Reckoned now, m/s.
+            Dead reckoned, m/s.
         variance : float
             Of a component, m²/s².
         """
@@ -48,6 +48,6 @@ class Glides:
         spread = variance + (_GLIDE_SPREAD * np.abs(glides)) ** 2
         distance2 = np.minimum(np.abs(velocity - glides), np.abs(velocity + glides)) ** 2
         glide = float(np.mean(variance / spread * np.exp(-0.5 * distance2 / spread)))
-        # the slower ones: evenly distributed from backwards to forwards
+        # slower ones: uniformly distributed from backwards to forwards
         glide += _SLOWER * min(1.0, math.sqrt(0.5 * math.pi * variance) / float(np.abs(glides).mean()))
         return math.exp(-0.5 * abs(velocity) ** 2 / variance) / glide

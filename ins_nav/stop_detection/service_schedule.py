@@ -1,4 +1,4 @@
-"""Which calibration service to call at which stop, and when."""
+"""Schedule of the calibration services at stops."""
 
 from ins_nav.config.sections import StopDetectorSection
 
@@ -8,25 +8,25 @@ _NEVER = 2**63
 class ServiceSchedule:
     """Calls ZUPT-1 until it has succeeded at two stops, and ZUPT-2 at every stop.
 
-    A call is made when the stop has lasted for the given time, and after a success when its length has doubled: the
-    residual rates get better with the length to the power 1.5; after a refusal when the given time has passed again
-    (there may have been no solution yet). ZUPT-1 is not repeated at a stop where it succeeded:
-    its second position must be another one; ZUPT-2 is what is repeated there. Where ZUPT-1 is refused, since there
-    was no turn, ZUPT-2 is called in its place at once. An answer is awaited before the next call.
+    A service is called when the stop has lasted for the given time; after a success again when the stop's length has
+    doubled, since the sigma of residual rates falls with the length to the power 1.5; after a refusal when the given
+    time has passed again (there may have been no solution yet). ZUPT-1 is not repeated at a stop where it succeeded,
+    since its second position must be another one; ZUPT-2 is repeated there. Where ZUPT-1 is refused for lack of a
+    turn, ZUPT-2 follows at once. The next call waits for the answer.
 
     Parameters
     ----------
     section : StopDetectorSection
-        ``start_sequence`` is ``zupt1`` as above; ``zupt2``: that from the first stop on; ``none``: nothing at the first
-        stop, then ZUPT-2; ``never``: nothing. ``zupt1_after`` and ``zupt2_after`` are the length of a stop at the first
-        call, s.
+        ``start_sequence`` is ``zupt1`` as above; ``zupt2``: ZUPT-2 from the first stop on; ``none``: no call at the
+        first stop, then ZUPT-2; ``never``: no calls. ``zupt1_after`` and ``zupt2_after`` are the length of a stop at
+        the first call, s.
 
     Attributes
     ----------
     stop : int
         Number of the present or last stop, from 1.
     due_ns : int
-        Length of the present stop at which `take` has something to give.
+        Length of the present stop at which the next call is due.
     """
 
     def __init__(self, section: StopDetectorSection) -> None:
@@ -35,7 +35,7 @@ class ServiceSchedule:
         self.restart()
 
     def restart(self) -> None:
-        """As before the first stop: the recording begins again."""
+        """Return to the state before the first stop: the recording starts again."""
         self.stop = 0
         self.due_ns = _NEVER
         self._positions = 0
@@ -52,7 +52,7 @@ class ServiceSchedule:
         self.due_ns = _NEVER if skipped else self._after_ns[self._service]
 
     def take(self) -> str:
-        """The service to call now; nothing is due then until it has answered."""
+        """The service to call now; no other is due until it has answered."""
         self._next_ns, self.due_ns = self.due_ns, _NEVER
         return self._service
 

@@ -1,4 +1,4 @@
-"""Whether a base that stands is turned: its attitude over the last minutes."""
+"""Turns of a stationary base, detected in its attitude over the last minutes."""
 
 import math
 from collections import deque
@@ -12,7 +12,7 @@ from ins_nav.stop_detection.velocity_filter import Triple, VelocityFilter
 _CLIP = 2.0
 """Of the RMS: a random walk ends 1.4 RMS away from its line, one with the beginning of a turn 2.2 and more."""
 _LEAST_ON_LINE = 5
-"""Values: fewer have no scatter to speak of."""
+"""Values: the scatter of fewer is not estimated."""
 _ROUNDING = 1e-8
 """rad: less is no turn."""
 _ATTITUDES = 1800
@@ -24,15 +24,15 @@ _TURN = math.radians(5.0)
 _TURN_MEMORY = 200
 """Blocks over which that mean is taken: a turn by 5° in them is no drift."""
 _TURN_BEGINS = math.radians(1.0)
-"""What certainly belongs to a turn."""
+"""A larger angle certainly belongs to a turn."""
 _YAW_SWAY = 0.003
-"""rad: yaw of a base that is swayed, with twice the RMS seen. Its mean rate is known to this over the time at rest."""
+"""rad: yaw of a swaying base, added to twice its observed RMS; sigma of the mean rate is this over the time at rest."""
 
 
 class TurnMonitor:
-    """Tells whether a base that stands is turned where it is, and when turns began and ended.
+    """Detects turns on the spot, and estimates when they began and ended.
 
-    It keeps the attitudes of the last minutes.
+    It stores the attitudes of the last minutes.
     """
 
     def __init__(self) -> None:
@@ -42,7 +42,7 @@ class TurnMonitor:
         self._up: Triple | None = None
 
     def append(self, stamp_ns: int, reckoning: VelocityFilter) -> None:
-        """Take the attitude after a block."""
+        """Append the attitude after a block."""
         self._track.append((stamp_ns, reckoning.measured_yaw, reckoning.up))
 
     def stand(self, reckoning: VelocityFilter) -> None:
@@ -53,7 +53,7 @@ class TurnMonitor:
         self._up = None
 
     def turned(self, reckoning: VelocityFilter, sigmas: float) -> bool:
-        """Whether yaw has left its mean by more than sway and drift can do; asked once a block of a stop."""
+        """Whether yaw has left its mean by more than sway and drift explain; called once a block of a stop."""
         self._stood += 1
         memory = min(self._stood, _TURN_MEMORY)
         off = reckoning.yaw - self._mean
@@ -62,7 +62,7 @@ class TurnMonitor:
         return abs(off) > _TURN and abs(off) > _TURN + sigmas * reckoning.yaw_rate_stddev(0.0) * memory * BLOCK
 
     def learn(self, reckoning: VelocityFilter, blocks: int, sway: float) -> None:
-        """Learn the gyro bias about the vertical: from the last blocks as much as the stop's mean rate gains by them.
+        """Measure the gyro bias about the vertical, with the weight by which these blocks improve the stop's mean rate.
 
         Parameters
         ----------
@@ -78,10 +78,10 @@ class TurnMonitor:
             return
         yaw2 = _YAW_SWAY**2 + 4.0 * self._variance
         noise2 = yaw2 / (rest**2 - (rest - time) ** 2) + sway**2 / blocks
-        reckoning.hold_yaw(turn / time, math.sqrt(noise2))
+        reckoning.update_yaw_rate(turn / time, math.sqrt(noise2))
 
     def tilted(self, reckoning: VelocityFilter, since_ns: int) -> int:
-        """When the base was tilted, given that it is still now: stamp of the beginning, not before that given; or 0.
+        """Stamp at which a tilt of the base, which is still now, began, not before that given; 0: no tilt.
 
         A base that rocks is never still.
         """
@@ -96,19 +96,19 @@ class TurnMonitor:
         return _last_on_line(stamps[:before], tilt[:before])
 
     def turn_began(self, reckoning: VelocityFilter, since_ns: int) -> int:
-        """Stamp of the last block that is on the line which yaw has made from a time on; now if there is no turn."""
+        """Stamp of the last block on the line that yaw follows from a time on; the present one if there is no turn."""
         if abs(reckoning.yaw - self._mean) < _TURN_BEGINS:
             return self._track[-1][0]
         stamps, yaws, _ = self._since(since_ns)
         return _last_on_line(stamps, yaws)
 
     def turn_ended(self, since_ns: int) -> int:
-        """Stamp of the first block, not before that given, from which on yaw makes a line."""
+        """Stamp of the first block, not before that given, from which on yaw follows a line."""
         stamps, yaws, _ = self._since(since_ns)
         return stamps[-_on_line(yaws[::-1])]
 
     def ends_gently(self, blocks: int, sigmas: float) -> bool:
-        """Whether the rate of yaw over the last blocks is not that over as many before, scatter apart."""
+        """Whether the yaw rate over the last blocks differs from that over as many before by more than scatter."""
         yaws = np.array([self._track[-i][1] for i in range(min(2 * blocks + 1, len(self._track)), 0, -1)])
         steps = np.diff(yaws[1 - len(yaws) % 2 :]).reshape(2, -1)
         before, now = steps.sum(axis=1).tolist()
@@ -126,7 +126,7 @@ def _last_on_line(stamps: tuple[int, ...], values: NDArray[np.float64]) -> int:
 
 
 def _on_line(values: NDArray[np.float64]) -> int:
-    """How many of equally spaced values are on the line that the first of them make.
+    """Number of equally spaced values, from the first on, that are on one line.
 
     The line is fitted to all, and the values behind the last that is near it are clipped off, until none is: the
     bound falls with what is clipped, down to the scatter of the values on the line.

@@ -1,8 +1,7 @@
-"""Velocity and yaw since the last rest, dead reckoned from the IMU alone, and how far they can be trusted.
+"""Velocity and yaw since the last rest, dead reckoned from the IMU alone, with their covariance.
 
-A small error-state Kalman filter, made for one question: may the base be standing? It needs no position, latitude
-or heading, and takes blocks of some tens of samples. `Glides` says how likely it is that a base glides, `TurnMonitor`
-asks the attitude whether one that stands is turned.
+A small error-state Kalman filter for the stop detector. It needs no position, latitude or heading, and propagates over
+blocks of some tens of samples.
 """
 
 import math
@@ -17,11 +16,11 @@ LONG_BLOCK = 0.2
 """s: in a longer block samples were lost."""
 _GRAVITY = 9.81
 _SPEED_PRIOR = 30.0
-"""m/s: standard deviation of the speed of what this detector rides on, before anything is known."""
+"""m/s: standard deviation of the carrier's speed before any measurement."""
 _SPEED_PRIOR_CORRELATION = 30.0
 """s: the time over which that speed stays the same."""
 _TILT_PRIOR = 0.3
-"""rad: the first level is taken from a specific force that may be that of a curve."""
+"""rad: the initial level is the direction of a specific force that may be that of a curve."""
 _GYRO_BIAS_PRIOR = 5e-3
 """rad/s, 1000 °/h."""
 _ACCEL_BIAS_PRIOR = 0.05
@@ -33,11 +32,11 @@ _ALLAN_MINIMUM = 100.0
 _SCALE_ERROR = 2e-3
 """Scale factors and misalignments of MEMS sensors."""
 _LOST_ACCELERATION = 3.0
-"""m/s²: what lost samples may have held."""
+"""m/s²: acceleration that lost samples may have contained."""
 _GATE = 13.8
 """Squared distance of 0.1 % of normal pairs."""
 _ABSURD_SPEED = 5.0 * _SPEED_PRIOR
-"""m/s: of no vehicle, but of a filter that is sure of a wrong gyro bias, after a minute or two."""
+"""m/s: no vehicle's; reached by a filter with a wrong gyro bias after a minute or two."""
 _TILTED = math.sin(math.radians(15.0)) ** 2
 """Yaw is counted from an attitude that is at most twice this angle away: near 180° it would be undefined."""
 _IDENTITY: NDArray[np.float64] = np.eye(12)
@@ -64,7 +63,7 @@ class VelocityFilter:
         Turn about the vertical since the start, rad. That of the attitude, not the integral of the rate about the
         vertical, which grows with every circle of a base that rocks in roll and pitch.
     measured_yaw : float
-        The same with what is known of gyro biases left in: a straight line at rest, rad.
+        The same without compensation of gyro biases: a straight line at rest, rad.
     """
 
     def __init__(self) -> None:
@@ -102,7 +101,7 @@ class VelocityFilter:
 
     @property
     def absurd(self) -> bool:
-        """Whether the velocity says that what was learnt is wrong."""
+        """Whether the velocity has diverged."""
         return self.speed > _ABSURD_SPEED
 
     @property
@@ -117,7 +116,7 @@ class VelocityFilter:
         return math.sqrt(float(up @ self._p[_GYRO, _GYRO] @ up) + _EARTH_RATE_PRIOR**2 + sway**2)
 
     def lose_track(self) -> None:
-        """Velocity and attitude are unknown again."""
+        """Reset velocity and attitude to unknown."""
         self.velocity = (0.0, 0.0)
         self._q = None
         self._p = self._p.copy()
@@ -133,7 +132,7 @@ class VelocityFilter:
         self._p = self._p + np.diag([0.0] * 2 + [stddev**2] * 2 + [0.0] * 8)
 
     def propagate(self, time: float, turn: Triple, velocity: Triple, mean: Triple, gyro: float, accel: float) -> None:
-        """Carry the state over a block.
+        """Propagate the state over a block.
 
         Parameters
         ----------
@@ -154,7 +153,7 @@ class VelocityFilter:
         bx, by, bz = self._accel.tolist()
         dv = (velocity[0] - bx * time, velocity[1] - by * time, velocity[2] - bz * time)
         dx, dy, dz = rotate(self._q, *dv)
-        if time > LONG_BLOCK:  # what the lost samples felt is lost too
+        if time > LONG_BLOCK:  # the acceleration in the lost samples is unknown
             self.doubt_velocity(time * _LOST_ACCELERATION)
         mx, my, mz = rotate(self._q, mean[0] - 0.5 * bx * time, mean[1] - 0.5 * by * time, mean[2] - 0.5 * bz * time)
         dz_level, mz_level = dz - _GRAVITY * time, mz - 0.5 * _GRAVITY * time
@@ -181,7 +180,7 @@ class VelocityFilter:
         b, a = qt / _ALLAN_MINIMUM**2, qv / _ALLAN_MINIMUM**2
         p.ravel()[::13] += np.array((v, v, t, t, b, b, b, 0.0, 0.0, a, a, a))
         self._p = p
-        # whatever it is, it is not at 100 m/s: keeps the level bounded in a long drive
+        # no carrier moves at 100 m/s: keeps the level bounded in a long drive
         if p[0, 0] > _SPEED_PRIOR**2 or p[1, 1] > _SPEED_PRIOR**2:
             self._update(_H_V, -np.array(self.velocity), _SPEED_PRIOR**2 * _SPEED_PRIOR_CORRELATION / time)
 
@@ -194,7 +193,7 @@ class VelocityFilter:
             self._reference, self._reference_yaw = self._q, self.yaw
 
     def rate_offset(self, mean: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Mean rate over what is expected at rest, and the variance of that, rad/s."""
+        """Mean rate less the expected rate at rest, rad/s, and the variance of the latter."""
         variance = self._p.diagonal()[_GYRO] + _EARTH_RATE_PRIOR**2
         return mean - self._gyro - self._earth @ self._rotation[:2], variance
 
@@ -207,7 +206,7 @@ class VelocityFilter:
         return float(z @ np.linalg.solve(s, z))
 
     def coast(self, acceleration: NDArray[np.float64], noise: float, gate: float) -> bool:
-        """The base goes on evenly, or stands: it has no acceleration but what tilt and biases feign.
+        """Update with zero acceleration: the base moves evenly or stands, tilt and biases explain the reckoned one.
 
         Parameters
         ----------
@@ -216,7 +215,7 @@ class VelocityFilter:
         noise : float
             Standard deviation of the true one, m/s².
         gate : float
-            Squared Mahalanobis distance from which on the acceleration is a true one, and nothing is done.
+            Squared Mahalanobis distance above which the acceleration is real; no update then.
 
         Returns
         -------
@@ -232,26 +231,25 @@ class VelocityFilter:
         return True
 
     def _acceleration_of(self) -> NDArray[np.float64]:
-        """What the states do to the reckoned acceleration, shape (2, 12)."""
+        """Jacobian of the reckoned acceleration, shape (2, 12)."""
         h = np.zeros((2, 12))
         h[0, 3], h[1, 2] = _GRAVITY, -_GRAVITY
         h[:, _ACCEL] = -self._rotation[:2]
         return h
 
     def rest(self, speed_noise: float) -> None:
-        """The base stands: velocity is zero.
+        """Update with zero velocity.
 
-        A velocity that contradicts this is left alone: it is jolted, or about to move.
-
-        A mean rate is not taken for that of the biases: the base may rock. Velocity says it of the horizontal axes.
+        A velocity that contradicts it is rejected: the base is jolted, or about to move. The mean rate is not used as a
+        measurement of gyro biases, since the base may rock; velocity observes those of the horizontal axes.
         """
         vx, vy = self.velocity
         limit = _GATE * (speed_noise**2 + max(self._p[0, 0], self._p[1, 1]))
         if vx * vx + vy * vy < limit:
             self._update(_H_V, np.array([-vx, -vy]), speed_noise**2)
 
-    def hold_yaw(self, rate: float, noise: float) -> None:
-        """The base stands: the mean rate of ``yaw``, rad/s, is that of the gyro biases."""
+    def update_yaw_rate(self, rate: float, noise: float) -> None:
+        """Update with the mean yaw rate of a stationary base, rad/s: that of the gyro biases."""
         h = np.zeros((1, 12))
         h[0, _GYRO] = self._rotation[2]
         self._update(h, np.array([rate]), noise**2)
@@ -283,7 +281,7 @@ def _inverse(s: NDArray[np.float64], variance: float) -> NDArray[np.float64]:
 
 
 def _level(x: float, y: float, z: float) -> Quaternion:
-    """Body to level axes, from what is taken for the direction up."""
+    """Body to level axes, from the assumed direction up."""
     norm = math.sqrt(x * x + y * y + z * z)
     if z < -0.999 * norm:  # upside down: half a turn about x
         return 1.0, 0.0, 0.0, 0.0
