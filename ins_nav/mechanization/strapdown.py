@@ -330,3 +330,11 @@ def integrate(
         NavState._make(state), previous, samples, gyro_bias, accel_bias, instantaneous, vertical, states
     )
     return states
+
+
+def prepare() -> None:
+    """Compile `integrate`, or load it from the cache, before samples arrive.
+
+    0.5 s with numba's import, several seconds the first time on a machine: a live node cannot wait that long later.
+    """
+    integrate(NavState(*(0.0,) * STATE_SIZE), (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), np.empty((0, 7)))

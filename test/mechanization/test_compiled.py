@@ -4,6 +4,7 @@ import math
 import subprocess
 import sys
 import types
+from typing import Any
 
 import pytest
 
@@ -39,6 +40,29 @@ def test_the_digest_changes_with_callees_and_constants() -> None:
     assert _digest(with_globals()) == _digest(_outer)
     assert _digest(with_globals(SCALE=3.0)) != _digest(_outer)
     assert _digest(with_globals(math=types.ModuleType("other"))) != _digest(_outer)
+
+
+def test_without_a_place_for_the_cache() -> None:
+    """A function of no file cannot be cached, as where no directory can be written to: compiled all the same."""
+    known: dict[str, Any] = {}
+    exec(compile("def double(x):\n    return 2.0 * x", "nowhere", "exec"), known)
+    assert compiled(known["double"])(3.0) == 6.0
+
+
+def test_a_second_process_compiles_nothing() -> None:
+    """What `prepare` compiles is there for the next process, signature and all."""
+    program = """
+from ins_nav.mechanization import strapdown
+from ins_nav.mechanization.compiled import compiled
+strapdown.prepare()
+assert len(compiled(strapdown._integrate).signatures) == 1
+print(sum(compiled(strapdown._integrate).stats.cache_misses.values()))
+strapdown.integrate(strapdown.NavState(*[1.0] * 12), (0.01, *[0.0] * 6), strapdown.np.ones((2, 7)))
+assert len(compiled(strapdown._integrate).signatures) == 1
+"""
+    command = [sys.executable, "-c", program]
+    subprocess.run(command, check=True)
+    assert subprocess.run(command, check=True, capture_output=True, text=True).stdout == "0\n"
 
 
 def test_importing_is_free_of_numba() -> None:
