@@ -32,7 +32,7 @@ from ins_nav.aiding.beacon import Beacon
 from ins_nav.aiding.beacon_fix import BEACON_NAME, BeaconFix, SimulatedBeacon, fix_topic, simulated_beacons
 from ins_nav.aiding.fields import no_measurement
 from ins_nav.aiding.geometry import from_earth, set_turned
-from ins_nav.aiding.range_search import RangeSearch, uncertain
+from ins_nav.aiding.range_search import BeaconErrors, RangeSearch, uncertain
 from ins_nav.aiding.simulated import (
     Fixes,
     MakeMessage,
@@ -49,7 +49,7 @@ from ins_nav.config.parameters import NAN, Parameter, ParameterError, Value
 from ins_nav.estimation.error_model import Array, Vector, rotation_matrix
 from ins_nav.estimation.observation import Measurement, Solution
 from ins_nav.estimation.slow_state import SlowState
-from ins_nav.estimation.state_layout import POSITION, SIZE
+from ins_nav.estimation.state_layout import HORIZONTAL_POSITION, POSITION, SIZE
 from ins_nav.event_log import WARN
 from ins_nav.mechanization.attitude import rotate
 from ins_nav.mechanization.nav_state import NavState, position_ecef
@@ -187,6 +187,8 @@ class AcousticRange(Aid[RangeParameters]):
     parameters : RangeParameters
     beacon : Beacon
     beacon_name : str
+    search : RangeSearch, optional
+        That of another beacon: ranges to all of them are searched together.
     """
 
     NAME = "range"
@@ -197,13 +199,16 @@ class AcousticRange(Aid[RangeParameters]):
     SIMULATED = ("range", SimulatedRanges)
     EXPECTED = True
 
-    def __init__(self, parameters: RangeParameters, beacon: Beacon, beacon_name: str) -> None:
+    def __init__(
+        self, parameters: RangeParameters, beacon: Beacon, beacon_name: str, search: RangeSearch | None = None
+    ) -> None:
         name = f"range/{beacon_name}"
         super().__init__(parameters, name, name)
         self.states = (SlowState(parameters.scale_stddev), SlowState(parameters.bias_stddev))
         self.shares = "" if beacon.moored else fix_topic(beacon_name)
         self._beacon = beacon
-        self._search: RangeSearch | None = None
+        self.search = RangeSearch() if search is None else search
+        self._moves_search = search is None
 
     @classmethod
     def rows(cls, overrides: Mapping[str, object]) -> list[Parameter]:
@@ -233,11 +238,14 @@ class AcousticRange(Aid[RangeParameters]):
         """Ranges to every beacon, and fixes of those that float."""
         parameters = RangeParameters.from_values(cls.NAME, values)
         aids: list[Aid[Any]] = []
+        search: RangeSearch | None = None
         for name in beacon_names(parameters.beacons):
             lat, lon, height = (float(values[f"range.{name}.{key}"]) for key, _, _ in _PLACE)  # type: ignore[arg-type]
             place = None if math.isnan(lat) else (math.radians(lat), math.radians(lon), height)
             beacon = Beacon(place, parameters.beacon_speed)
-            aids.append(cls(parameters, beacon, name))
+            ranges = cls(parameters, beacon, name, search)
+            search = ranges.search
+            aids.append(ranges)
             if not beacon.moored:
                 aids.append(BeaconFix(beacon, name, parameters.enabled))
         return aids
@@ -261,25 +269,25 @@ class AcousticRange(Aid[RangeParameters]):
             raise Unusable(text, "unusable", WARN)
         away, covariance = self._away(solution.state, place), solution.position_covariance
         spread = self._beacon_covariance(solution, own)
+        if uncertain(spread[:2, :2], away):
+            raise Unusable(f"the beacon's place is known to {math.sqrt(spread.trace()):.0f} m only: rejected")
         if not uncertain(covariance[:2, :2], away):
-            self._search = None
-            if uncertain(spread[:2, :2], away):
-                raise Unusable(f"the beacon's place is known to {math.sqrt(spread.trace()):.0f} m only: rejected")
+            if self.name in self.search:
+                self.search.restart()
             return self._range(solution, own, observation, away, covariance + spread)
-        return self._gather(solution, own, observation, away, (covariance + spread)[:2, :2])
+        return self._gather(solution, own, observation, away, spread)
 
     def patience(self, observation: Observation, accepted: bool, placed: bool) -> float:
         """None once position is known: then it is the beacon that is elsewhere."""
         return 0.0 if placed else self.parameters.patience
 
     def restart(self) -> None:
-        self._search = None
+        self.search.restart()
 
     def corrected(self, before: NavState, after: NavState) -> None:
-        if self._search is not None:
-            moved = np.subtract(position_ecef(after), position_ecef(before))
-            east, north, _ = from_earth(after, moved)
-            self._search.moved(east, north)
+        if self._moves_search:
+            x, y, _ = from_earth(after, np.subtract(position_ecef(after), position_ecef(before)))
+            self.search.moved(x, y)
 
     @classmethod
     def simulate(cls, world: World) -> dict[str, Readings]:
@@ -333,39 +341,44 @@ class AcousticRange(Aid[RangeParameters]):
         if self.shares:
             direction: Array = np.array(rotate(solution.state[7:11], *row[POSITION].tolist()))
             columns = np.hstack([columns, self._beacon.columns(-direction, self._ago(observation))[None]])
-        return Measurement(z, row[None], r, POSITION, columns, self.shares)
+        return Measurement(z, row[None], r, POSITION, columns, (self.shares,) if self.shares else ())
 
     def _gather(
-        self, solution: Solution, own: OwnStates, observation: Observation, away: Array, covariance: Array
+        self, solution: Solution, own: OwnStates, observation: Observation, away: Array, spread: Array
     ) -> Measurement:
-        """The place that the ranges gathered so far show; covariance from the beacon to here, shape (2, 2), m²."""
-        if self._search is None:
-            self._search = RangeSearch()
-        distance = observation.value[0]
-        scale, bias = np.sqrt(own.covariance.diagonal()[: len(self.states)]).tolist()
-        common = (scale * distance) ** 2 + bias**2
-        self._search.add(away, distance, float(observation.covariance[0, 0]) + common, covariance)
-        found = self._search.settled(away)
+        """The place that the ranges to all beacons show; ``spread`` is the beacon's covariance, shape (3, 3), m²."""
+        scale, bias = own.values[: len(self.states)].tolist()
+        distance = (observation.value[0] - bias) / (1.0 + scale)
+        position = solution.position_covariance[:2, :2]
+        columns = self._error_columns(solution, observation, distance)
+        offset = float(columns[2] @ own.covariance @ columns[2])
+        names = (self.name, self.shares) if self.shares else (self.name,)
+        errors = BeaconErrors(spread[:2, :2], offset, names, columns)
+        self.search.add(self.name, away, distance, float(observation.covariance[0, 0]), position, errors)
+        found = self.search.settled(away, position)
         if found is None:
-            sigma = math.sqrt(covariance.trace())
+            sigma = math.sqrt(position.trace())
             text = (
                 f"position is known to {sigma:.0f} m only, {distance:.0f} m away: ranges are gathered until they show "
             )
             raise Unusable(text + "one place: change course", "gathered")
-        self._search = None
-        columns = self._place_columns(solution, observation)
-        r = found[1] + common * np.eye(2)  # many ranges do not average that
-        return Measurement(
-            -found[0], np.eye(2, SIZE), r, POSITION, None if columns is None else -columns[:2], self.shares
-        )
+        self.search.restart()
+        h = np.zeros((len(found.z), SIZE))
+        h[:, HORIZONTAL_POSITION] = found.position
+        first, *others = sorted(found.beacons, key=lambda beacon: beacon[0].names != names)
+        shares = (*names[1:], *(name for errors, _ in others for name in errors.names))
+        own_columns = np.hstack([rows @ errors.columns for errors, rows in (first, *others)])
+        return Measurement(-found.z, h, np.diag(found.variance), POSITION, own_columns, shares)
 
-    def _place_columns(self, solution: Solution, observation: Observation) -> Array | None:
-        """Of the states, on the beacon's place on n when sound left it, shape (3, k); None where it is moored."""
+    def _error_columns(self, solution: Solution, observation: Observation, distance: float) -> Array:
+        """Of the states, on the beacon's place, two axes of n, and on the offset of a range, shape (3, k)."""
+        columns = np.zeros((3, len(self.states)))
+        columns[2] = distance, 1.0
         if not self.shares:
-            return None
+            return columns
         rot_en = rotation_matrix(solution.state[7:11])
-        columns = [self._beacon.columns(axis, self._ago(observation)) for axis in rot_en.T]
-        return np.hstack([np.zeros((3, len(self.states))), columns])
+        place = [self._beacon.columns(axis, self._ago(observation)) for axis in rot_en.T[:2]]
+        return np.hstack([columns, [*place, np.zeros_like(place[0])]])
 
     def _beacon_covariance(self, solution: Solution, own: OwnStates) -> Array:
         """Covariance of the beacon's place on n, shape (3, 3), m²."""

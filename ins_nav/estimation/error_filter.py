@@ -246,7 +246,7 @@ class ErrorFilter:
             h = np.zeros((len(innovation), size))
             h[:, :SIZE] = h_core
             if h_own is not None:
-                h[:, self.layout.columns(aid, shares)] = h_own
+                h[:, self.layout.columns(aid, *shares)] = h_own
         residual = innovation - h @ self.x
         ph = self.p @ h.T
         predicted = h @ ph

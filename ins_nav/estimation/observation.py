@@ -26,9 +26,9 @@ class Measurement(NamedTuple):
     direct: slice | None
     """States it measures as such: they give way when the aid is right and the filter is not; None: the aid's own."""
     own: Array | None = None
-    """(m, k): columns of the aid's own states, then of those it shares."""
-    shares: str = ""
-    """Another aid whose states it sees, too."""
+    """(m, k): columns of the aid's own states, then of those of others, in the order of ``shares``."""
+    shares: tuple[str, ...] = ()
+    """Other aids on whose states it depends, too."""
 
 
 class Solution(NamedTuple):

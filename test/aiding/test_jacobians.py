@@ -142,7 +142,7 @@ def test_columns_of_the_solution(name: str, options: bool) -> None:
 def test_columns_of_own_and_shared_states(name: str, options: bool) -> None:
     aid, observation, values = cases(options)[name]
     measurement = measured(aid, solution(the_state()), values, observation)
-    assert measurement.shares == aid.shares
+    assert measurement.shares == ((aid.shares,) if aid.shares else ())
     assert (0 if measurement.own is None else measurement.own.shape[1]) == len(values)
     for i in range(len(values)):
         change = np.eye(len(values))[i] * 1e-4

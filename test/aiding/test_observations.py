@@ -13,11 +13,13 @@ from scipy.spatial.transform import Rotation
 
 from ins_nav.aiding.acoustic_range import AcousticRange
 from ins_nav.aiding.base import Aid, AidParameters, Observation, OwnStates, Record, Unusable
+from ins_nav.aiding.geometry import from_earth
 from ins_nav.aiding.gnss import GnssParameters
 from ins_nav.aiding.parameters import configuration
 from ins_nav.aiding.registry import create_aids
 from ins_nav.aiding.velocity_log import LogParameters
 from ins_nav.estimation.observation import Solution, Update
+from ins_nav.estimation.state_layout import HORIZONTAL_POSITION
 from ins_nav.mechanization import earth, nav_state
 
 NAN = math.nan
@@ -298,7 +300,7 @@ def test_range_to_a_beacon_that_floats() -> None:
     own[5:] = -2.0 * north
     arrived = _seen("range/ship", 1480.0, covariance=np.eye(1) * 0.25)
     seen = ranges.measure(SOLUTION, _own(*own), arrived)
-    assert seen is not None and seen.own is not None and seen.shares == "beacon/ship/fix"
+    assert seen is not None and seen.own is not None and seen.shares == ("beacon/ship/fix",)
     # the chord is shorter by 4 mm; velocity wanders within 30 s, so a second ago it was 1.6 % less
     assert seen.innovation[0] == pytest.approx(1500.0 + 2.0 * 1480.0 / 1500.0 - 1480.0, abs=0.04)
     assert seen.r[0, 0] == pytest.approx(0.25)
@@ -308,6 +310,37 @@ def test_range_to_a_beacon_that_floats() -> None:
         one, other = (ranges.measure(SOLUTION, _own(*(own + x)), arrived) for x in (step, -step))
         assert one is not None and other is not None
         assert seen.own[0, i] == pytest.approx((one.innovation[0] - other.innovation[0]) / 2e-2, abs=1e-5)
+
+
+def test_ranges_to_two_beacons_are_searched_together() -> None:
+    """Position wrong by 50 m: together they show a place, as a measurement with the states of both."""
+    place = {"range.b2.latitude_deg": 55.70108, "range.b2.longitude_deg": 37.6016, "range.b2.height": 60.0}
+    made = _made(_moored(**place, **{"range.bias_stddev": 1.0}))
+    wrong = nav_state.corrected(STATE, (40.0, -30.0, 0.0))
+    unsure = SOLUTION._replace(state=wrong, position_covariance=np.diag([50.0, 50.0, 1.0]) ** 2)
+    own = OwnStates(np.zeros(2), np.diag([0.0, 1.0]))
+    beacons = {"range/a": (55.701, 37.6, 50.0), "range/b2": (55.70108, 37.6016, 60.0)}
+    found = None
+    for i in range(12):
+        name = ("range/a", "range/b2")[i % 2]
+        lat, lon, height = beacons[name]
+        away = np.subtract(
+            nav_state.position_ecef(STATE), earth.geodetic_to_ecef(math.radians(lat), math.radians(lon), height)
+        )
+        range_ = _seen(name, float(np.linalg.norm(away)), covariance=0.01 * np.eye(1))
+        try:
+            found = made[name].measure(unsure, own, range_)
+            break
+        except Unusable as reason:
+            assert reason.kind == "gathered"
+    assert found is not None and found.own is not None and i >= 7
+    others = {"range/a", "range/b2"} - {name}
+    assert set(found.shares) == others and found.own.shape[1] == 4
+    computed = nav_state.position_ecef(wrong)
+    dx, dy, _ = from_earth(wrong, np.subtract(computed, nav_state.position_ecef(STATE)))
+    h, p = np.hstack([found.h[:, HORIZONTAL_POSITION], found.own]), np.diag([2500.0, 2500.0, 0.0, 1.0, 0.0, 1.0])
+    error = p @ h.T @ np.linalg.solve(h @ p @ h.T + found.r, found.innovation)
+    np.testing.assert_allclose(error, [dx, dy, 0.0, 0.0, 0.0, 0.0], atol=0.5)  # the ranges are exact
 
 
 def test_range_of_two_ways_is_of_the_middle_of_its_time() -> None:
