@@ -74,9 +74,10 @@ def the_state() -> NavState:
     return NavState(*q_nb.tolist(), *turn.inv().apply(state[4:7]).tolist(), *q_en.tolist(), state[11])
 
 
-def solution(state: NavState, gyro_bias: tuple[float, float, float] = ZERO) -> Solution:
+def solution(state: NavState, gyro_bias: tuple[float, float, float] = ZERO, turn: float = 0.0) -> Solution:
+    """Of a known heading, unless ``turn`` is larger."""
     rate = tuple((path().rate[AT] - gyro_bias).tolist())
-    return Solution(state, rate, gyro_bias, True, 0.0, stamp_ns=int(stamps_of(path())[AT]))
+    return Solution(state, rate, gyro_bias, True, turn, stamp_ns=int(stamps_of(path())[AT]))
 
 
 Case = tuple[Aid[Any], Observation, np.ndarray]
@@ -155,13 +156,13 @@ def test_columns_of_own_and_shared_states(name: str, options: bool) -> None:
 @pytest.mark.parametrize("name", list(cases(False)))
 @pytest.mark.parametrize("gamma", [1.0, -2.5, math.pi])
 def test_any_heading_error_is_linear(name: str, gamma: float) -> None:
-    """Sine and cosine columns are not a first approximation, but the change by a turn of any angle."""
+    """Sine and cosine columns of an unknown heading are no approximation, but the change by a turn of any angle."""
     aid, observation, values = cases(True)[name]
     here = the_state()
     x = np.zeros(SIZE)
     x[HEADING], x[COSINE] = math.sin(gamma), 1.0 - math.cos(gamma)
     state, *_ = MODEL.apply(x, here, ZERO, ZERO)
-    before, after = (measured(aid, solution(s), values, observation) for s in (here, state))
+    before, after = (measured(aid, solution(s, turn=1.0), values, observation) for s in (here, state))
     arm = np.linalg.norm(aid.parameters.lever_arm)
     # Earth's rate over an arm of 4 m: 3e-4 m/s; a range of 500 m is curved: twice the arm squared over twice the range
     atol = 4.0 * arm**2 / 1000.0 if aid.shares else 6e-4
