@@ -26,8 +26,7 @@ from ins_nav.recordings.bags import (
 )
 from ins_nav.stop_detection.service_schedule import ServiceSchedule
 
-_IMU, _FIX = "sensor_msgs/msg/Imu", "sensor_msgs/msg/NavSatFix"
-_ODOMETRY, _DIAGNOSTICS = "nav_msgs/msg/Odometry", "diagnostic_msgs/msg/DiagnosticArray"
+_IMU, _DIAGNOSTICS = "sensor_msgs/msg/Imu", "diagnostic_msgs/msg/DiagnosticArray"
 _BOOL = "std_msgs/msg/Bool"
 _SECOND = 1_000_000_000
 _IMU_TOPIC = "/imu/data_raw"
@@ -45,12 +44,13 @@ class Recorder:
         self._navigator = navigator
         self._aided = aided
         self._base_link = navigator.configuration.frames.base_link
-        self._out = SolutionMessages(message(_ODOMETRY), message(_IMU), message(_FIX), navigator)
+        self._out = SolutionMessages(navigator)
+        self._topics = {"odometry": self._out.odometry, "imu/data": self._out.imu, "fix": self._out.fix}
         self._next_diagnostics_ns = 0
         self.written = 0
         """Solutions written."""
-        for topic, msgtype in (("odometry", _ODOMETRY), ("imu/data", _IMU), ("fix", _FIX)):
-            writer.add_topic(topic, msgtype)
+        for topic, content in self._topics.items():
+            writer.add_topic(topic, content.msgtype)
         writer.add_topic("imu/bias", _IMU, latched=True)
         writer.add_topic("stopped", _BOOL, latched=True)
         writer.add_topic("diagnostics", _DIAGNOSTICS)
@@ -69,9 +69,8 @@ class Recorder:
             fill_bias(bias, self._navigator, self._base_link)
             self._writer.write("imu/bias", _IMU, bias, stamp_ns)
         out.fill()
-        self._writer.write("odometry", _ODOMETRY, out.odometry, stamp_ns)
-        self._writer.write("imu/data", _IMU, out.imu, stamp_ns)
-        self._writer.write("fix", _FIX, out.fix, stamp_ns)
+        for topic, content in self._topics.items():
+            self._writer.write_raw(topic, content.msgtype, content.serialized(), stamp_ns)
         self.written += 1
 
     def tick(self, stamp_ns: int, last: bool = False) -> None:

@@ -1,9 +1,4 @@
-"""A navigator's solution as standard ROS messages.
-
-Works on any object with the fields of the message: those of rclpy and those of `ins_nav.recordings.bags` alike, so that
-the live node and `ins_process` publish the same. Messages are filled in place: making them afresh would be most of the
-cost of a tick.
-"""
+"""A navigator's solution as standard ROS messages: the bytes that the live node publishes and `ins_process` writes."""
 
 import math
 from typing import Any
@@ -14,17 +9,14 @@ from numpy.typing import NDArray
 from ins_nav.estimation import error_model
 from ins_nav.estimation.state_layout import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, POSE, POSITION, VELOCITY
 from ins_nav.mechanization import nav_state
-from ins_nav.mechanization.attitude import conjugate, multiply
+from ins_nav.mechanization.attitude import Quaternion, conjugate, multiply
+from ins_nav.messages.cdr import StampedMessage
 from ins_nav.navigator.realtime import RealtimeNavigator
 from ins_nav.stamps import set_stamp
 
-
-def _set_vector(vector: Any, values: tuple[float, ...]) -> None:
-    vector.x, vector.y, vector.z = values
-
-
-def _set_quaternion(quaternion: Any, values: tuple[float, ...]) -> None:
-    quaternion.x, quaternion.y, quaternion.z, quaternion.w = values
+ODOMETRY, IMU, FIX = "nav_msgs/msg/Odometry", "sensor_msgs/msg/Imu", "sensor_msgs/msg/NavSatFix"
+_STATUS_FIX, _SERVICE_UNKNOWN, _COVARIANCE_TYPE_KNOWN = ("b", 0), ("H", 0), b"\x03"
+"""Constants of sensor_msgs/NavSatFix and NavSatStatus; the service is unknown, since it is inertial."""
 
 
 class SolutionMessages:
@@ -32,20 +24,29 @@ class SolutionMessages:
 
     Parameters
     ----------
-    odometry, imu, fix : messages
-        nav_msgs/Odometry, sensor_msgs/Imu and sensor_msgs/NavSatFix, reused at every call.
     navigator : RealtimeNavigator
 
     Attributes
     ----------
+    odometry, imu, fix : StampedMessage
+        nav_msgs/Odometry, sensor_msgs/Imu and sensor_msgs/NavSatFix, filled at every call of `fill`.
+    position : 3 floats
+        Of `odometry`, m.
+    orientation : Quaternion
+        Of `odometry`.
     first : bool
         Whether the solution that is `due` is the first after an alignment, a ZUPT or a feedback.
     """
 
-    def __init__(self, odometry: Any, imu: Any, fix: Any, navigator: RealtimeNavigator) -> None:
-        self.odometry = odometry
-        self.imu = imu
-        self.fix = fix
+    def __init__(self, navigator: RealtimeNavigator) -> None:
+        frames = navigator.configuration.frames
+        self.odometry = StampedMessage(ODOMETRY, frames.map, frames.base_link, count=85)
+        self.imu = StampedMessage(IMU, frames.base_link, count=37)
+        self.fix = StampedMessage(
+            FIX, frames.base_link, _STATUS_FIX, _SERVICE_UNKNOWN, count=12, end=_COVARIANCE_TYPE_KNOWN
+        )
+        self.position = (0.0, 0.0, 0.0)
+        self.orientation: Quaternion = (0.0, 0.0, 0.0, 1.0)
         self.first = False
         self._navigator = navigator
         self._changes = 0
@@ -53,15 +54,6 @@ class SolutionMessages:
         self._began = (0, 0)
         self._period_ns = navigator.configuration.publish.period_ns
         self._next_ns = 0
-        frames = navigator.configuration.frames
-        base_link = frames.base_link
-        odometry.header.frame_id = frames.map
-        odometry.child_frame_id = base_link
-        imu.header.frame_id = base_link
-        fix.header.frame_id = base_link
-        fix.status.status = 0  # STATUS_FIX
-        fix.status.service = 0  # SERVICE_UNKNOWN: it is inertial
-        fix.position_covariance_type = 3  # COVARIANCE_TYPE_KNOWN
 
     def due(self) -> bool:
         """Whether the navigator's new solution is to be published; call it once for each."""
@@ -88,18 +80,17 @@ class SolutionMessages:
         rate = navigator.angular_velocity
         earth = nav_state.earth_rate_body(state)
         for message in (self.odometry, self.imu, self.fix):
-            set_stamp(message, navigator.stamp_ns)
-        pose, twist = self.odometry.pose.pose, self.odometry.twist.twist
-        _set_vector(pose.position, frame.position(state))
-        _set_quaternion(pose.orientation, frame.attitude(state))
-        _set_vector(twist.linear, nav_state.velocity_body(state))
-        _set_vector(twist.angular, (rate[0] - earth[0], rate[1] - earth[1], rate[2] - earth[2]))
-        _set_quaternion(self.imu.orientation, where.q_gb)
-        _set_vector(self.imu.angular_velocity, rate)
-        _set_vector(self.imu.linear_acceleration, navigator.specific_force)
-        self.fix.latitude = math.degrees(where.lat)
-        self.fix.longitude = math.degrees(where.lon)
-        self.fix.altitude = where.height
+            message.set_stamp(navigator.stamp_ns)
+        self.position = frame.position(state)
+        self.orientation = frame.attitude(state)
+        odometry, imu = self.odometry.numbers, self.imu.numbers
+        odometry[0:7] = *self.position, *self.orientation
+        linear = nav_state.velocity_body(state)
+        odometry[43:49] = *linear, rate[0] - earth[0], rate[1] - earth[1], rate[2] - earth[2]
+        imu[0:4] = where.q_gb
+        imu[13:16] = rate
+        imu[25:28] = navigator.specific_force
+        self.fix.numbers[0:3] = math.degrees(where.lat), math.degrees(where.lon), where.height
 
     def _fill_covariances(self, p: NDArray[np.float64]) -> None:
         """The covariance of the errors, each part on the axes of its message.
@@ -110,13 +101,13 @@ class SolutionMessages:
         assert state is not None and frame is not None
         c, s = error_model.azimuth(state)
         to_g = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-        self.imu.orientation_covariance[:] = (to_g @ p[ATTITUDE, ATTITUDE] @ to_g.T).ravel()
-        self.fix.position_covariance[:] = (to_g @ p[POSITION, POSITION] @ to_g.T).ravel()
+        self.imu.numbers[4:13] = (to_g @ p[ATTITUDE, ATTITUDE] @ to_g.T).ravel()
+        self.fix.numbers[3:12] = (to_g @ p[POSITION, POSITION] @ to_g.T).ravel()
         q_mn = multiply(frame.attitude(state), conjugate(state[0:4]))
         to_m = error_model.rotation_matrix(q_mn)
         parts = p[np.ix_(POSE, POSE)]
         both = np.kron(np.eye(2), to_m)
-        self.odometry.pose.covariance[:] = (both @ parts @ both.T).ravel()
+        self.odometry.numbers[7:43] = (both @ parts @ both.T).ravel()
         to_b = error_model.rotation_matrix(state[0:4]).T
         twist = np.zeros((6, 6))
         twist[:3, :3] = to_b @ p[VELOCITY, VELOCITY] @ to_b.T
@@ -124,9 +115,9 @@ class SolutionMessages:
         rate = p[GYRO_BIAS, GYRO_BIAS] + gyro_noise**2 * np.eye(3)
         force = p[ACCEL_BIAS, ACCEL_BIAS] + accel_noise**2 * np.eye(3)
         twist[3:, 3:] = rate
-        self.odometry.twist.covariance[:] = twist.ravel()
-        self.imu.angular_velocity_covariance[:] = rate.ravel()
-        self.imu.linear_acceleration_covariance[:] = force.ravel()
+        self.odometry.numbers[49:85] = twist.ravel()
+        self.imu.numbers[16:25] = rate.ravel()
+        self.imu.numbers[28:37] = force.ravel()
 
 
 def fill_bias(message: Any, navigator: RealtimeNavigator, base_link_frame: str) -> None:
@@ -134,7 +125,10 @@ def fill_bias(message: Any, navigator: RealtimeNavigator, base_link_frame: str) 
     set_stamp(message, navigator.stamp_ns)
     message.header.frame_id = base_link_frame
     message.orientation_covariance[0] = -1.0
-    _set_vector(message.angular_velocity, navigator.gyro_bias)
-    _set_vector(message.linear_acceleration, navigator.accel_bias)
+    for vector, bias in (
+        (message.angular_velocity, navigator.gyro_bias),
+        (message.linear_acceleration, navigator.accel_bias),
+    ):
+        vector.x, vector.y, vector.z = bias
     message.angular_velocity_covariance[:] = navigator.gyro_bias_covariance.ravel()
     message.linear_acceleration_covariance[:] = navigator.accel_bias_covariance.ravel()

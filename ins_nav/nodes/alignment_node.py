@@ -13,18 +13,15 @@ from typing import Any
 from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
-from sensor_msgs.msg import Imu
 from std_msgs.msg import Float64MultiArray, Header, MultiArrayDimension
 
 from ins_nav.aiding.registry import create_aids
 from ins_nav.errors import for_people
-from ins_nav.messages import correction_codec, diagnostics, inputs
+from ins_nav.messages import correction_codec, diagnostics
+from ins_nav.messages.cdr import ImuSample
 from ins_nav.navigator.delayed import DelayedNavigator
 from ins_nav.nodes import parameters, runtime
 from ins_nav.nodes.reporting import Reporter
-
-_IMU_DEPTH = 10_000
-"""5 s at 2000 Hz, as `ins_node` has."""
 
 
 class AlignmentNode(Node):
@@ -43,7 +40,7 @@ class AlignmentNode(Node):
         self._out = self.create_publisher(Float64MultiArray, "ins/feedback", reliable)
         self._calibration = self.create_publisher(Float64MultiArray, "ins/calibration", reliable)
         self._feedback = feedback_message()
-        self._subscribe(Imu, "imu/data_raw", self._on_imu, _IMU_DEPTH)
+        runtime.subscribe_imu(self, self._navigator.events, self._on_imu)
         for aid in create_aids(self._navigator.configuration.values).values():
             self._subscribe(runtime.message_class(aid.MESSAGE_TYPES[0]), aid.topic, partial(self._on_aid, aid.topic))
         self.create_subscription(Float64MultiArray, "ins/solution", self._on_solution, reliable)
@@ -51,17 +48,17 @@ class AlignmentNode(Node):
         self.create_timer(1.0, self._on_timer)
         self.get_logger().info("waiting for imu/data_raw")
 
-    def _subscribe(self, kind: Any, topic: str, callback: Callable[[Any], None], depth: int = 100) -> None:
-        qos = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=depth, reliability=ReliabilityPolicy.BEST_EFFORT)
+    def _subscribe(self, kind: Any, topic: str, callback: Callable[[Any], None]) -> None:
+        qos = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
         overriding = QoSOverridingOptions.with_default_policies()
         self.create_subscription(kind, topic, callback, qos, qos_overriding_options=overriding)
 
     def _on_aid(self, topic: str, message: Any) -> None:
         self._navigator.add(topic, message)
 
-    def _on_imu(self, message: Imu) -> None:
+    def _on_imu(self, sample: ImuSample) -> None:
         navigator = self._navigator
-        inputs.feed_imu(navigator, message)
+        navigator.add_imu(*sample)
         for feedback in navigator.drain():
             correction_codec.fill_feedback(self._feedback, feedback)
             self._out.publish(self._feedback)

@@ -22,15 +22,15 @@ from ins_nav.aiding.registry import calibration_names
 from ins_nav.config.state_file import read_calibration
 from ins_nav.errors import InsNavError, for_people
 from ins_nav.event_log import WARN
-from ins_nav.messages import correction_codec, diagnostics, inputs
+from ins_nav.messages import correction_codec, diagnostics
+from ins_nav.messages.cdr import ImuSample
 from ins_nav.messages.solution import SolutionMessages, fill_bias
 from ins_nav.navigator.realtime import RealtimeNavigator
 from ins_nav.nodes import parameters, runtime
 from ins_nav.nodes.alignment_node import feedback_message
 from ins_nav.nodes.reporting import Reporter
+from ins_nav.stamps import set_stamp
 
-_IMU_DEPTH = 10_000
-"""5 s at 2000 Hz: the node is busy for up to a second when it solves the alignment or a stop."""
 _OUT_DEPTH = 200
 
 
@@ -52,7 +52,7 @@ class InsNode(Node):
         self._configuration = parameters.declare(self)
         self._navigator = RealtimeNavigator(self._configuration.values)
         self._base_link = self._configuration.frames.base_link
-        self._out = SolutionMessages(Odometry(), Imu(), NavSatFix(), self._navigator)
+        self._out = SolutionMessages(self._navigator)
         reliable, best_effort = ReliabilityPolicy.RELIABLE, ReliabilityPolicy.BEST_EFFORT
         self._odometry = self.create_publisher(Odometry, "odometry", _qos(_OUT_DEPTH, reliable))
         self._imu = self.create_publisher(Imu, "imu/data", _qos(_OUT_DEPTH, reliable))
@@ -60,10 +60,8 @@ class InsNode(Node):
         self._bias = self.create_publisher(Imu, "imu/bias", _qos(1, reliable, latched=True))
         self._reporter = Reporter(self, "navigation")
         self._tf = self._transform_publisher() if self._configuration.publish.tf != "none" else None
+        runtime.subscribe_imu(self, self._navigator.events, self._on_imu)
         overriding = QoSOverridingOptions.with_default_policies()
-        self.create_subscription(
-            Imu, "imu/data_raw", self._on_imu, _qos(_IMU_DEPTH, best_effort), qos_overriding_options=overriding
-        )
         for aid in self._navigator.position_aids.values():
             kind, callback = runtime.message_class(aid.MESSAGE_TYPES[0]), partial(self._navigator.add, aid.topic)
             self.create_subscription(
@@ -92,13 +90,13 @@ class InsNode(Node):
                 "apt install ros-jazzy-tf2-msgs, or set it to none"
             ) from None
         transform = TransformStamped()
-        transform.header.frame_id = self._out.odometry.header.frame_id
+        transform.header.frame_id = self._configuration.frames.map
         transform.child_frame_id = self._base_link
         self._transforms = TFMessage(transforms=[transform])
         return self.create_publisher(TFMessage, "/tf", 100)
 
-    def _on_imu(self, message: Imu) -> None:
-        new = inputs.feed_imu(self._navigator, message)
+    def _on_imu(self, sample: ImuSample) -> None:
+        new = self._navigator.add_imu(*sample)
         if self._navigator.events.pending:
             self._log()
         if new and self._out.due():
@@ -111,16 +109,14 @@ class InsNode(Node):
         out.fill()
         if self._tf is not None:  # first: its look-up at the stamp of the odometry needs no waiting
             transform = self._transforms.transforms[0]
-            pose = out.odometry.pose.pose
-            transform.header.stamp = out.odometry.header.stamp
-            transform.transform.translation.x = pose.position.x
-            transform.transform.translation.y = pose.position.y
-            transform.transform.translation.z = pose.position.z
-            transform.transform.rotation = pose.orientation
+            set_stamp(transform, self._navigator.stamp_ns)
+            translation, rotation = transform.transform.translation, transform.transform.rotation
+            translation.x, translation.y, translation.z = out.position
+            rotation.x, rotation.y, rotation.z, rotation.w = out.orientation
             self._tf.publish(self._transforms)
-        self._odometry.publish(out.odometry)
-        self._imu.publish(out.imu)
-        self._fix.publish(out.fix)
+        self._odometry.publish(out.odometry.serialized())
+        self._imu.publish(out.imu.serialized())
+        self._fix.publish(out.fix.serialized())
 
     def _publish_bias(self) -> None:
         message = Imu()

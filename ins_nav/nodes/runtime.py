@@ -17,11 +17,19 @@ from typing import Any
 import rclpy
 from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
+from sensor_msgs.msg import Imu
 
 from ins_nav.errors import InsNavError
+from ins_nav.event_log import ERROR, EventLog
+from ins_nav.messages.cdr import ImuSample, read_imu
 from ins_nav.nodes.commands import block_signals, ending_signals
+
+_IMU_DEPTH = 10_000
+"""5 s at 2000 Hz: a node is busy for up to a second when it solves the alignment or a stop."""
 
 
 def init(args: list[str] | None = None) -> list[str]:
@@ -107,6 +115,27 @@ def serve(nodes: tuple[Node, ...], end: Future) -> None:
         for node in nodes:
             node.destroy_node()
         rclpy.try_shutdown()
+
+
+def subscribe_imu(node: Node, events: EventLog, receive: Callable[[ImuSample], object]) -> None:
+    """Subscribe to imu/data_raw; samples are read from the bytes of the messages, other bytes are counted as events."""
+
+    def on_message(data: bytes) -> None:
+        try:
+            sample = read_imu(data)
+        except ValueError as error:
+            events.count("malformed messages", ERROR, f"imu/data_raw: {error}, rejected: check the driver", 0)
+        else:
+            receive(sample)
+
+    node.create_subscription(
+        Imu,
+        "imu/data_raw",
+        on_message,
+        QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=_IMU_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT),
+        qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+        raw=True,
+    )
 
 
 def message_class(msgtype: str) -> Any:

@@ -10,23 +10,18 @@ from typing import Any
 
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.qos_overriding_options import QoSOverridingOptions
-from sensor_msgs.msg import Imu
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
 from ins_nav.errors import for_people
 from ins_nav.event_log import EventLog
 from ins_nav.mechanization.imu_stream import ImuStream
+from ins_nav.messages.cdr import ImuSample
 from ins_nav.messages.diagnostics import SILENCE, silence
 from ins_nav.nodes import parameters, runtime
 from ins_nav.nodes.reporting import Reporter
-from ins_nav.stamps import stamp_of
 from ins_nav.stop_detection.detector import Change, StopDetector, StopLimits
 from ins_nav.stop_detection.service_schedule import ServiceSchedule
-
-_IMU_DEPTH = 10_000
-"""As `ins_node` has."""
 
 
 class StopDetectorNode(Node):
@@ -56,22 +51,14 @@ class StopDetectorNode(Node):
         )
         self._stopped = self.create_publisher(Bool, "stopped", latched)
         self._reporter = Reporter(self, "stops")
-        self.create_subscription(
-            Imu,
-            "imu/data_raw",
-            self._on_imu,
-            QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=_IMU_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT),
-            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
-        )
+        runtime.subscribe_imu(self, self._events, self._on_imu)
         self.create_timer(1.0, self._on_timer)
         self._stopped.publish(Bool(data=False))
         self.get_logger().info("waiting for imu/data_raw")
 
-    def _on_imu(self, message: Imu) -> None:
-        rate, force = message.angular_velocity, message.linear_acceleration
+    def _on_imu(self, received: ImuSample) -> None:
         detector = self._detector
-        samples = self._stream.accept(stamp_of(message), rate.x, rate.y, rate.z, force.x, force.y, force.z)
-        for stamp_ns, sample in samples:
+        for stamp_ns, sample in self._stream.accept(*received):
             if isinstance(sample, float):
                 was = detector.stopped
                 detector.restart()

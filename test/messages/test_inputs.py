@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from aided_harness import BOTH, NS
+from decoding import decoded
 from scipy.spatial.transform import Rotation
 
 from ins_nav.cli.process import main
@@ -14,7 +15,7 @@ from ins_nav.estimation.error_model import azimuth
 from ins_nav.mechanization import nav_state
 from ins_nav.messages.solution import SolutionMessages
 from ins_nav.navigator.realtime import RealtimeNavigator
-from ins_nav.recordings.bags import BagReader, message
+from ins_nav.recordings.bags import BagReader
 from ins_nav.simulation.recording import write_bag
 from ins_nav.simulation.scenarios import simulate
 from ins_nav.stamps import stamp_of
@@ -89,9 +90,7 @@ def _filled(state: nav_state.NavState, covariance: np.ndarray, origin: nav_state
     ins = RealtimeNavigator({"navigation.vertical_channel": True})
     ins.state, ins.map, ins.changes = state, origin, 1
     ins.accuracy.begin(0, state, covariance, (0.0, 0.0))
-    out = SolutionMessages(
-        message("nav_msgs/msg/Odometry"), message("sensor_msgs/msg/Imu"), message("sensor_msgs/msg/NavSatFix"), ins
-    )
+    out = SolutionMessages(ins)
     assert out.due()
     out.fill()
     return out
@@ -114,10 +113,11 @@ def test_frames_of_the_covariances_far_from_the_origin() -> None:
     out = _filled(state, along, origin)
     direction_g = Rotation.from_euler("Z", 40.0, degrees=True).apply([1.0, 0.0, 0.0])
     direction_b = Rotation.from_quat(state[0:4]).inv().apply([1.0, 0.0, 0.0])
-    pose, twist = (np.reshape(x.covariance, (6, 6)) for x in (out.odometry.pose, out.odometry.twist))
+    odometry, imu, fix = map(decoded, (out.odometry, out.imu, out.fix))
+    pose, twist = (np.reshape(x.covariance, (6, 6)) for x in (odometry.pose, odometry.twist))
     for matrix, direction in (
-        (np.reshape(out.fix.position_covariance, (3, 3)), direction_g),
-        (np.reshape(out.imu.orientation_covariance, (3, 3)), direction_g),
+        (np.reshape(fix.position_covariance, (3, 3)), direction_g),
+        (np.reshape(imu.orientation_covariance, (3, 3)), direction_g),
         (twist[:3, :3], direction_b),
     ):
         assert direction @ matrix @ direction == pytest.approx(1e-2)

@@ -4,10 +4,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from decoding import decoded
 
 from ins_nav.messages.solution import SolutionMessages
 from ins_nav.navigator.realtime import RealtimeNavigator
-from ins_nav.recordings.bags import message
 from ins_nav.simulation.scenarios import simulate
 
 _RATE = 100.0
@@ -23,15 +23,15 @@ def _navigated(**parameters: object) -> tuple[SolutionMessages, RealtimeNavigato
     """A tactical IMU at rest for 60 s: messages of the last solution; rates and forces of all, shape (n, 3)."""
     simulation = simulate("static", 4, rate=_RATE, duration=60.0, **{"imu.preset": "tactical"})
     navigator = RealtimeNavigator(_PLACE | _HEADING | parameters)
-    messages = (message(f"{name}") for name in ("nav_msgs/msg/Odometry", "sensor_msgs/msg/Imu"))
-    out = SolutionMessages(*messages, message("sensor_msgs/msg/NavSatFix"), navigator)
+    out = SolutionMessages(navigator)
     rates, forces = [], []
     samples = np.column_stack([simulation.angular_velocity, simulation.linear_acceleration]).tolist()
     for stamp_ns, sample in zip(simulation.stamps_ns.tolist(), samples, strict=True):
         if navigator.add_imu(stamp_ns, *sample):
             out.fill()
-            rates.append(_vector(out.imu.angular_velocity))
-            forces.append(_vector(out.imu.linear_acceleration))
+            imu = decoded(out.imu)
+            rates.append(_vector(imu.angular_velocity))
+            forces.append(_vector(imu.linear_acceleration))
     return out, navigator, np.array(rates), np.array(forces)
 
 
@@ -41,11 +41,12 @@ def _navigated(**parameters: object) -> tuple[SolutionMessages, RealtimeNavigato
 def test_covariance_of_a_sample_has_its_white_noise(parameters: dict[str, float]) -> None:
     """Biases are constant in a minute at rest: what scatters is white noise, be it given or learnt in alignment."""
     out, navigator, rates, forces = _navigated(**parameters)
-    twist = np.reshape(out.odometry.twist.covariance, (6, 6))[3:, 3:]
+    imu = decoded(out.imu)
+    twist = np.reshape(decoded(out.odometry).twist.covariance, (6, 6))[3:, 3:]
     for values, covariance, bias in (
-        (rates, out.imu.angular_velocity_covariance, navigator.gyro_bias_covariance),
+        (rates, imu.angular_velocity_covariance, navigator.gyro_bias_covariance),
         (rates, twist, navigator.gyro_bias_covariance),
-        (forces, out.imu.linear_acceleration_covariance, navigator.accel_bias_covariance),
+        (forces, imu.linear_acceleration_covariance, navigator.accel_bias_covariance),
     ):
         white = np.reshape(covariance, (3, 3)) - bias
         assert white[~np.eye(3, dtype=bool)] == pytest.approx(0.0, abs=1e-6 * white.max())

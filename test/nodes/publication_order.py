@@ -1,13 +1,16 @@
-"""Prints the topics on which `ins_node` publishes at one sample, in order; parameters come as ROS arguments.
+"""Prints topics and frames of what `ins_node` publishes at one sample, in order; parameters come as ROS arguments.
 
-`tf2_msgs` is not installed everywhere, so its message and all publishers are stand-ins here.
+`tf2_msgs` is not installed everywhere, so its message and all publishers are stand-ins here. Messages published as
+bytes are deserialized by rclpy.
 """
 
 import sys
 from types import ModuleType, SimpleNamespace
 from typing import Any
 
+from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import Imu
+from std_msgs.msg import Header
 
 from ins_nav.nodes.runtime import init
 
@@ -15,12 +18,17 @@ _INTERVAL_NS = 20_000_000
 
 
 class _Publisher:
-    def __init__(self, topic: str, published: list[str]) -> None:
+    def __init__(self, kind: Any, topic: str, published: list[str]) -> None:
+        self._kind = kind
         self._topic = topic
         self._published = published
 
-    def publish(self, _message: Any) -> None:
-        self._published.append(self._topic)
+    def publish(self, message: Any) -> None:
+        if isinstance(message, bytes):
+            message = deserialize_message(message, self._kind)
+        stamped = message.transforms[0] if self._topic == "/tf" else message
+        header = getattr(stamped, "header", Header())
+        self._published.append(f"{self._topic}:{header.frame_id}@{header.stamp.sec}.{header.stamp.nanosec:09}")
 
 
 def main() -> None:
@@ -32,8 +40,8 @@ def main() -> None:
     published: list[str] = []
 
     class Node(InsNode):
-        def create_publisher(self, _kind: Any, topic: str, *_: Any, **__: Any) -> Any:
-            return _Publisher(topic, published)
+        def create_publisher(self, kind: Any, topic: str, *_: Any, **__: Any) -> Any:
+            return _Publisher(kind, topic, published)
 
     init()
     node = Node()
@@ -43,8 +51,8 @@ def main() -> None:
     for i in range(1, 1000):
         sample.header.stamp.sec, sample.header.stamp.nanosec = divmod(i * _INTERVAL_NS, 10**9)
         published.clear()
-        receive(sample)
-        if "odometry" in published:
+        receive(serialize_message(sample))
+        if len(published) > 1:
             break
     print(*published)
 

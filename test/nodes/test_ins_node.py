@@ -222,7 +222,10 @@ def test_transform_is_published_before_the_odometry(tmp_path: Path) -> None:
     with Ros(tmp_path) as ros:
         order = ros.start(Path(__file__).with_name("publication_order.py"), "--ros-args", *settings)
         assert order.wait() == 0, order.stderr
-    assert order.stdout.split() == ["imu/bias", "/tf", "odometry", "imu/data", "fix"]
+    published = [text.partition("@") for text in order.stdout.split()]
+    names = ["imu/bias:base_link", "/tf:map", "odometry:map", "imu/data:base_link", "fix:base_link"]
+    assert [name for name, _, _ in published] == names
+    assert {stamp for _, _, stamp in published} == {"5.020000000"}  # after 250 intervals
 
 
 def test_silence_of_the_imu_is_an_error_in_diagnostics(drive: Path, tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ from typing import Any, Self
 
 import numpy as np
 import pytest
+from decoding import decoded
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
@@ -235,18 +236,17 @@ def test_covariances_after_zupt2() -> None:
     assert bias.orientation_covariance[0] == -1.0
     np.testing.assert_array_equal(bias.angular_velocity_covariance, n.gyro_bias_covariance.ravel())
     assert (bias.angular_velocity.x, bias.angular_velocity.y, bias.angular_velocity.z) == n.gyro_bias
-    solution = SolutionMessages(
-        message("nav_msgs/msg/Odometry"), message("sensor_msgs/msg/Imu"), message("sensor_msgs/msg/NavSatFix"), n
-    )
+    solution = SolutionMessages(n)
     assert solution.due() and solution.first
     solution.fill()
+    odometry, imu, fix = map(decoded, (solution.odometry, solution.imu, solution.fix))
     # n is east-north-up
-    np.testing.assert_allclose(solution.imu.orientation_covariance, n.attitude_covariance.ravel(), rtol=1e-6)
-    assert solution.fix.position_covariance_type == 3
+    np.testing.assert_allclose(imu.orientation_covariance, n.attitude_covariance.ravel(), rtol=1e-6)
+    assert fix.position_covariance_type == 3
     for covariance in (
-        solution.odometry.pose.covariance,
-        solution.odometry.twist.covariance,
-        solution.fix.position_covariance,
+        odometry.pose.covariance,
+        odometry.twist.covariance,
+        fix.position_covariance,
     ):
         matrix = np.reshape(covariance, (math.isqrt(len(covariance)),) * 2)
         assert np.linalg.eigvalsh(matrix)[0] > 0.0
