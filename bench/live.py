@@ -1,4 +1,8 @@
-"""The live node over DDS: bag_player, ins_node and a recorder, each in a process of its own."""
+"""Live nodes over DDS: bag_player, the nodes, a recorder, and beside them what rclpy costs alone (bench/floor.py).
+
+Each is a process of its own. The floor gets the same samples in the same seconds, so that the ratio of the two loads
+does not depend on what else the machine does.
+"""
 
 import json
 import math
@@ -24,57 +28,65 @@ _RATE, _DURATION, _ALIGNMENT = 400.0, 60.0, 10.0
 _SETTLED = 2.0
 """s after the alignment: the load is measured from there."""
 _PATIENCE = 30.0
-_SINGLE_THREADED = (
-    "import rclpy.experimental as e; del e.EventsExecutor; from ins_nav.nodes.ins_node import main; main()"
-)
-"""ins_node without the executor it prefers."""
+_SINGLE_THREADED = "import rclpy.experimental as e; del e.EventsExecutor; from {} import main; main()"
+"""A node without the executor it prefers."""
 
 
 def results(_data: Path) -> Iterator[str]:
     """The section's table."""
     columns = {
-        "EventsExecutor": _measure(_DURATION, "-m", "ins_nav.nodes.ins_node"),
-        "SingleThreadedExecutor": _measure(0.5 * _DURATION, "-c", _SINGLE_THREADED),
+        "ins_node": _measure(_DURATION, "ins_node"),
+        "ins_system": _measure(_DURATION, "ins_system", statuses=3),
+        "ins_node, SingleThreadedExecutor": _measure(0.5 * _DURATION, "ins_node", single_threaded=True),
     }
     rows = [[name, *(column[name] for column in columns.values())] for name in next(iter(columns.values()))]
     yield table([f"{_RATE:g} Hz, live", *columns], rows)
 
 
-def _measure(duration: float, *node: str) -> dict[str, object]:
+def _measure(duration: float, node: str, statuses: int = 1, single_threaded: bool = False) -> dict[str, object]:
+    """A column of the table; statuses: how many of the process come on /diagnostics."""
     simulation = simulate("vehicle", 2, rate=_RATE, duration=duration, stand_time=_ALIGNMENT + 5.0)
+    modules = {"node": f"ins_nav.nodes.{node}", "floor": "bench.floor"}
+    programs = {name: _command(module, single_threaded) for name, module in modules.items()}
     with tempfile.TemporaryDirectory() as folder:
         write_bag(simulation, Path(folder, "bag"))
-        said, heard, share = _play(Path(folder), *node)
+        said, heard, share = _play(Path(folder), programs, statuses)
     return _rows(said, heard, simulation.stamps_ns, share)
 
 
-def _play(folder: Path, *node: str) -> tuple[str, dict[str, Any], NDArray[np.float64]]:
-    """What bag_player said, what the recorder heard, and the shares of a core of ins_node and bag_player, %."""
+def _command(module: str, single_threaded: bool) -> tuple[str, ...]:
+    return ("-c", _SINGLE_THREADED.format(module)) if single_threaded else ("-m", module)
+
+
+def _play(
+    folder: Path, programs: dict[str, tuple[str, ...]], statuses: int
+) -> tuple[str, dict[str, Any], dict[str, float]]:
+    """What bag_player printed, what the recorder found, and the share of a core of each process, %."""
     with Nodes(folder) as nodes:
-        ins = nodes.start("ins_node", *node, "--ros-args", "-p", f"alignment.duration:={_ALIGNMENT}")
-        _wait_for(nodes, lambda: "waiting for imu/data_raw" in nodes.log("ins_node").read_text())
-        recorder = nodes.start("recorder", "-m", "bench.recorder")
+        settings = ("--ros-args", "-p", f"alignment.duration:={_ALIGNMENT}")
+        processes = {"node": nodes.start("node", *programs["node"], *settings)}
+        _wait_for(nodes, lambda: "waiting for imu/data_raw" in nodes.log("node").read_text())
+        processes["floor"] = nodes.start("floor", *programs["floor"])
+        recorder = nodes.start("recorder", "-m", "bench.recorder", statuses)
         assert recorder.stdout is not None and recorder.stdin is not None
         recorder.stdout.readline()
         arguments = (folder / "bag", "--no-progress", "--topics", "imu/data_raw", "gnss/fix")
-        player = nodes.start("bag_player", "-m", "ins_nav.nodes.bag_player", *arguments)
-        _wait_for(nodes, lambda: "aligned in" in nodes.log("ins_node").read_text())
+        player = processes["bag_player"] = nodes.start("bag_player", "-m", "ins_nav.nodes.bag_player", *arguments)
+        _wait_for(nodes, lambda: "aligned in" in nodes.log("node").read_text())
         time.sleep(_SETTLED)
         readings = []
         while player.poll() is None:
             nodes.check()
-            readings.append((time.monotonic(), _seconds(ins), _seconds(player)))
+            readings.append((time.monotonic(), *map(_seconds, processes.values())))
             time.sleep(0.5)
         spent = np.subtract(readings[-1], readings[0])
         said = nodes.wait_for("bag_player")
         recorder.stdin.close()
         heard = json.loads(nodes.wait_for("recorder"))
-    return said, heard, 100.0 * spent[1:] / spent[0]
+    return said, heard, dict(zip(processes, (100.0 * spent[1:] / spent[0]).tolist(), strict=True))
 
 
-def _rows(
-    said: str, heard: dict[str, Any], stamps_ns: NDArray[np.int64], share: NDArray[np.float64]
-) -> dict[str, object]:
+def _rows(said: str, heard: dict[str, Any], stamps_ns: NDArray[np.int64], share: dict[str, float]) -> dict[str, object]:
     published = re.search(r"/imu/data_raw (\d+)", said)
     latency = heard["latency_ms"] or [math.nan] * 3
     return {
@@ -86,8 +98,11 @@ def _rows(
         "latency sample to Odometry, median, ms": f"{latency[0]:.2f}",
         "latency, 99 %, ms": f"{latency[1]:.2f}",
         "latency, greatest, ms": f"{latency[2]:.1f}",
-        "ins_node, % of a core": f"{share[0]:.1f}",
-        "bag_player, % of a core": f"{share[1]:.1f}",
+        "the process, % of a core": f"{share['node']:.1f}",
+        "bare rclpy beside it, % of a core": f"{share['floor']:.1f}",
+        "difference, % of a core": f"{share['node'] - share['floor']:.1f}",
+        "ratio": f"{share['node'] / share['floor']:.2f}",
+        "bag_player, % of a core": f"{share['bag_player']:.1f}",
     }
 
 
@@ -96,8 +111,8 @@ def _wait_for(nodes: Nodes, condition: Callable[[], bool]) -> None:
     while not condition():
         nodes.check()
         if time.monotonic() > end:
-            said = nodes.log("ins_node").read_text().strip()
-            raise InsNavError(f"ins_node has not come so far within {_PATIENCE:g} s; it said: {said}")
+            printed = nodes.log("node").read_text().strip()
+            raise InsNavError(f"the node did not come so far within {_PATIENCE:g} s; it printed: {printed}")
         time.sleep(0.05)
 
 
