@@ -133,7 +133,7 @@ def test_live_equals_ins_process(nodes: tuple[str, ...], drive: Path, offline: d
         said = "".join(process.stdout + process.stderr for process in started)
         success, text = listener.call("ins_node/save")
         assert success and text.startswith("imu.gyro_bias_deg_per_hour, imu.accel_bias_mg and the pose written to ")
-        kept, pose = load(tmp_path / "state.yaml", configuration())
+        kept, pose = load(tmp_path / "state.yaml", configuration(), ())
         assert kept.keys() == {"imu.gyro_bias_deg_per_hour", "imu.accel_bias_mg"} and pose.position_stddev < 5.0
         # the service of one node is for both
         success, text = listener.call("ins_node/align")
