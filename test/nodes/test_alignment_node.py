@@ -1,9 +1,11 @@
 """`alignment_node` and `ins_node` over real DDS, each in a process of its own, and both in `ins_system`."""
 
+import json
 import math
 import random
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -13,6 +15,8 @@ from scipy.spatial.transform import Rotation
 from ins_nav.aiding.parameters import configuration
 from ins_nav.cli.process import main as process
 from ins_nav.config.state_file import load
+from ins_nav.navigator.correction import Correction
+from ins_nav.navigator.delayed import DelayedNavigator
 from ins_nav.recordings.bags import BagReader, BagWriter
 from ins_nav.simulation.recording import write_bag
 from ins_nav.simulation.scenarios import simulate
@@ -25,6 +29,8 @@ ODOMETRY, IMU, FIX = "nav_msgs/msg/Odometry", "sensor_msgs/msg/Imu", "sensor_msg
 DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 PARAMETERS = ("alignment.duration:=15.0", "alignment.fine_duration:=30.0")
 DIVE = Path(__file__).resolve().parents[2] / "config" / "auv.yaml"
+_REPLAY = 200.0
+"""s: a replay of 17 s where the machine is loaded."""
 OUTPUTS = {"odometry": ODOMETRY, "/diagnostics": DIAGNOSTICS}
 
 
@@ -52,20 +58,21 @@ def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def offline(drive: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[int, Any]:
-    """Odometry of `ins_process`; that of the recording in its own order is the same, bit for bit."""
+def processed(drive: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[int, Any], list[tuple[int, int]]]:
+    """Of `ins_process`, as `_processed` has it; from the recording in its own order it is the same, bit for bit."""
     folder = tmp_path_factory.mktemp("offline")
-    series = []
-    for bag in (drive, drive.with_name("plain")):
-        given = [part for text in PARAMETERS for part in ("--param", text)]
-        assert process([str(bag), "-o", str(folder / bag.name), *given]) == 0
-        with BagReader(folder / bag.name) as reader:
-            odometry = map(reader.deserialize, reader.messages(["/odometry"]))
-            series.append({stamp_of(message): message for message in odometry})
-    assert series[0].keys() == series[1].keys()
-    for stamp, message in series[0].items():
-        assert _numbers(message) == _numbers(series[1][stamp])
-    return series[0]
+    given = [part for text in PARAMETERS for part in ("--param", text)]
+    late, plain = (_processed(bag, folder / bag.name, *given) for bag in (drive, drive.with_name("plain")))
+    assert late[0].keys() == plain[0].keys() and late[1] == plain[1]
+    for stamp, message in late[0].items():
+        assert _numbers(message) == _numbers(plain[0][stamp])
+    return late
+
+
+@pytest.fixture(scope="module")
+def offline(processed: tuple[dict[int, Any], list[tuple[int, int]]]) -> dict[int, Any]:
+    """Odometry of `ins_process`."""
+    return processed[0]
 
 
 def _numbers(message: Any) -> tuple[float, ...]:
@@ -86,6 +93,30 @@ def _node(ros: Ros, name: str, **more: object) -> Process:
     given = (*PARAMETERS, *(f"{key}:={value}" for key, value in more.items()))
     settings = [part for text in given for part in ("-p", text)]
     return ros.start(f"ins_nav.nodes.{name}", "--ros-args", *settings)
+
+
+def _processed(bag: Path, out: Path, *given: str) -> tuple[dict[int, Any], list[tuple[int, int]]]:
+    """Odometry of `ins_process` by stamp; stamps of its corrections, and of the samples with which they take effect."""
+    corrections = []
+    drain = DelayedNavigator.drain
+
+    def recorded(navigator: DelayedNavigator) -> list[Correction]:
+        drained = drain(navigator)
+        corrections.extend((correction.stamp_ns, correction.apply_ns) for correction in drained)
+        return drained
+
+    with mock.patch.object(DelayedNavigator, "drain", recorded):
+        assert process([str(bag), "-o", str(out), *given]) == 0
+    with BagReader(out) as reader:
+        odometry = map(reader.deserialize, reader.messages(["/odometry"]))
+        return {stamp_of(message): message for message in odometry}, corrections
+
+
+def _play_paced(ros: Ros, bag: Path, rate: float, corrections: list[tuple[int, int]]) -> Process:
+    """Play at a rate, or as slowly as a loaded machine needs for each correction to come in time."""
+    file = ros.folder / "corrections.json"
+    file.write_text(json.dumps(corrections))
+    return ros.start(Path(__file__).parents[1] / "paced_player.py", bag, rate, file)
 
 
 def _play(ros: Ros, bag: Path, rate: float) -> Process:
@@ -117,13 +148,16 @@ def _differences(listener: Listener, offline: dict[int, Any]) -> tuple[set[int],
 
 
 @pytest.mark.parametrize("nodes", [("ins_node", "alignment_node"), ("ins_system",)])
-def test_live_equals_ins_process(nodes: tuple[str, ...], drive: Path, offline: dict[int, Any], tmp_path: Path) -> None:
+def test_live_equals_ins_process(
+    nodes: tuple[str, ...], drive: Path, processed: tuple[dict[int, Any], list[tuple[int, int]]], tmp_path: Path
+) -> None:
     """Fixes come late and out of order, on a DDS that is not in step with the samples."""
+    offline, corrections = processed
     with Ros(tmp_path) as ros:
         listener, started = _start(ros, *nodes, state_file=tmp_path / "state.yaml")
-        player = _play(ros, drive, 5.0)
-        listener.wait_for_count("odometry", len(offline), 60.0)
-        assert player.wait() == 0
+        player = _play_paced(ros, drive, 5.0, corrections)
+        assert player.wait(_REPLAY) == 0, player.stderr
+        listener.wait_for_count("odometry", len(offline))
 
         def done() -> bool:
             return _values(listener, "/alignment_node: alignment").get("imu/data_raw received") == "2500"
@@ -159,7 +193,7 @@ def test_live_equals_ins_process(nodes: tuple[str, ...], drive: Path, offline: d
     assert not any("late" in key for key in values)
 
 
-def test_a_dive_at_ten_times_real_time_equals_ins_process(tmp_path: Path) -> None:
+def test_a_dive_at_up_to_ten_times_real_time_equals_ins_process(tmp_path: Path) -> None:
     """All aids, wrong ranges, a log that loses the bottom, swell: the solution of coarse alignment takes its time."""
     changes = {"alignment_time": 60.0, "turn_start": 35.0, "surface_leg": 20.0, "depth": 8.0, "dive_time": 80.0}
     faults = {"log.lost_start": 115.0, "log.lost_duration": 10.0, "range.outlier_share": 0.2}
@@ -173,10 +207,7 @@ def test_a_dive_at_ten_times_real_time_equals_ins_process(tmp_path: Path) -> Non
         "--param",
         "alignment.fine_duration:=60.0",
     )
-    assert process([str(tmp_path / "dive"), "-o", str(tmp_path / "result"), *given]) == 0
-    with BagReader(tmp_path / "result") as reader:
-        odometry = map(reader.deserialize, reader.messages(["/odometry"]))
-        offline = {stamp_of(message): message for message in odometry}
+    offline, corrections = _processed(tmp_path / "dive", tmp_path / "result", *given)
     with Ros(tmp_path) as ros:
         settings = [part.replace("--param", "-p") if part == "--param" else part for part in given]
         for name in ("ins_node", "alignment_node"):
@@ -184,9 +215,9 @@ def test_a_dive_at_ten_times_real_time_equals_ins_process(tmp_path: Path) -> Non
         listener = ros.listen(OUTPUTS)
         names = ("/ins_node: navigation", "/alignment_node: alignment")
         listener.wait_for(lambda: all(_status(listener, name) is not None for name in names))
-        player = _play(ros, tmp_path / "dive", 10.0)
-        listener.wait_for_count("odometry", len(offline), 60.0)
-        assert player.wait() == 0
+        player = _play_paced(ros, tmp_path / "dive", 10.0, corrections)
+        assert player.wait(_REPLAY) == 0, player.stderr
+        listener.wait_for_count("odometry", len(offline))
         count = str(len(simulation.stamps_ns))
         listener.wait_for(lambda: _values(listener, names[1]).get("imu/data_raw received") == count)
         says = [_values(listener, name) for name in names]
