@@ -101,7 +101,7 @@ def generated(folder: Path) -> dict[Path, str]:
 
 
 def stale(folder: Path) -> list[Path]:
-    """Generated files that are not what the declarations give."""
+    """Generated files that differ from the declarations."""
     files = generated(folder).items()
     return [path for path, text in files if not path.exists() or path.read_text(encoding="utf-8") != text]
 

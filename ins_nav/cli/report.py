@@ -31,7 +31,7 @@ def main(argv: Sequence[str] | None = None) -> int | None:
             if (summary := result.diagnostics.get("summary", "navigating")) != "navigating":
                 print(f"{result.name}, at the end: {summary}")
     if args.output is not None:
-        from ins_nav.report import figures  # matplotlib takes longer to load than a table to make
+        from ins_nav.report import figures  # loading matplotlib takes longer than a table
 
         figures.save(figures.figure(results, reference, comparisons), args.output)
         print(args.output)
@@ -50,8 +50,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--reference-topic",
         metavar="TOPIC",
-        help="NavSatFix topic to compare with, and what is beside it: imu, velocity or odometry "
-        "(default: the first there is of truth/fix, reference/fix, gnss/fix)",
+        help="NavSatFix topic to compare with, and imu, velocity or odometry beside it "
+        "(default: the first in the bag of truth/fix, reference/fix, gnss/fix)",
     )
     parser.add_argument("-o", "--output", type=Path, metavar="FIGURE", help="figure to write: .png, .pdf, .svg")
     parser.add_argument("--table", action="store_true", help="print the table (the default without -o)")
@@ -59,7 +59,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _names(paths: Sequence[Path]) -> list[str]:
-    """The last parts of the paths, as many as it takes to tell them apart."""
+    """The last parts of the paths, as many as distinguish them."""
     if len(set(paths)) < len(paths):
         raise ReportError(f"the same bag is given twice: {' '.join(map(str, paths))}")
     parts = [path.resolve().parts for path in paths]
@@ -70,7 +70,7 @@ def _names(paths: Sequence[Path]) -> list[str]:
 
 
 def _reference(results: Sequence[Path], given: Path | None, topic: str | None) -> Track | None:
-    """Of the bag that was given, which then must have one; else of the first result bag that has one."""
+    """The reference of the given bag, an error without one; else that of the first result bag with one."""
     if given is not None:
         reference = read_reference(given, topic)
         if reference is None:

@@ -24,7 +24,7 @@ def main(argv: Sequence[str] | None = None) -> int | None:
         raise InsNavError("no scenario given; `ins_simulate --list` shows them")
     if args.output is None:
         raise InsNavError("no bag to write given; add -o BAG")
-    if args.output.exists() and not args.overwrite:  # before the work, not after it
+    if args.output.exists() and not args.overwrite:  # before the simulation, which takes time
         raise InsNavError(f"{args.output}: exists already; choose another name or add --overwrite")
     simulation = simulate(args.scenario, args.seed, **dict(map(parse_assignment, args.param)))
     messages = write_bag(simulation, args.output, args.overwrite, progress=True)
@@ -47,7 +47,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("scenario", nargs="?", metavar="SCENARIO", help="name of a scenario, see --list")
     parser.add_argument("-o", "--output", type=Path, metavar="BAG", help="folder of the bag to write")
-    parser.add_argument("--seed", type=int, default=0, help="of everything drawn (default: %(default)s)")
+    parser.add_argument("--seed", type=int, default=0, help="seed of all random draws (default: %(default)s)")
     parser.add_argument(
         "--param", action="append", default=[], metavar="NAME:=VALUE", help="set a parameter; may be repeated"
     )
@@ -62,7 +62,7 @@ def _listing() -> str:
         lines.append(f"{name}: {scenario.text}")
         lines += [_line(n, p) for n, p in scenario.parameters.items() if p is not SHARED.get(n)]
         lines.append("")
-    lines.append("every scenario, with these defaults if not said otherwise above:")
+    lines.append("every scenario, with these defaults unless given otherwise above:")
     lines += [_line(n, p) for n, p in SHARED.items()]
     return "\n".join(lines)
 

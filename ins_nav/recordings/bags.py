@@ -1,8 +1,8 @@
 """rosbag2 recordings (mcap, sqlite3) in and out, without ROS.
 
 Stamps of a bag are integer nanoseconds since the epoch. Topics are matched with or without their leading slash
-and always returned with it. Nothing is lost silently: a truncated or damaged recording yields every message that
-can be read, and then raises `DamagedBagError`.
+and always returned with it. No loss is silent: a truncated or damaged recording yields every readable message and then
+raises `DamagedBagError`.
 """
 
 import difflib
@@ -43,7 +43,7 @@ from ins_nav.recordings.sqlite_recovery import RecoveredSqlite
 Source = Reader | RecoveredMcap | RecoveredSqlite
 
 _RECOVERY: dict[str, type[RecoveredMcap] | type[RecoveredSqlite]] = {".mcap": RecoveredMcap, ".db3": RecoveredSqlite}
-_ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"  # no CDR message begins so
+_ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"  # no CDR message begins with it
 _FOREVER = QosTime(9223372036, 854775807)  # rmw's "infinite"
 _LATCHED = Qos(
     QosHistory.KEEP_LAST,
@@ -65,16 +65,16 @@ def typestore() -> Typestore:
 
 
 class BagError(InsNavError):
-    """A recording that cannot be used: its path, what is wrong, what to do."""
+    """A recording that cannot be used: its path, the fault, the remedy."""
 
 
 class DamagedBagError(BagError):
-    """Raised after the last readable message of a damaged recording: what was lost."""
+    """Raised after the last readable message of a damaged recording; names the loss."""
 
 
 @dataclass(frozen=True)
 class TopicInfo:
-    """What a bag says of a topic; latched means its publisher offered transient-local durability."""
+    """Type and count of a topic in a bag; latched: its publisher offered transient-local durability."""
 
     msgtype: str
     count: int
@@ -91,7 +91,7 @@ class RawMessage(NamedTuple):
 
 
 def suggestion(name: str, known: Iterable[str]) -> str:
-    """`` (did you mean X?)`` or, where nothing is close, the list of what there is."""
+    """`` (did you mean X?)`` or, without a close match, the list of known names."""
     names = sorted(known)
     close = difflib.get_close_matches(name, names, n=1)
     return f" (did you mean {close[0]}?)" if close else f" (there are: {', '.join(names)})"
@@ -210,7 +210,7 @@ class BagReader:
         """The message decoded, by the bag's own definition of its type when it has one."""
         try:
             return self._store(raw.msgtype).deserialize_cdr(raw.data, raw.msgtype)
-        except Exception as error:  # rosbags lets any error escape on bytes that are not what they should be
+        except Exception as error:  # rosbags passes on any error that invalid bytes cause
             raise BagError(
                 f"{self.path}: the message on {raw.topic} at {raw.stamp_ns} ns is not a valid {raw.msgtype}: {error}"
             ) from error
@@ -235,7 +235,7 @@ class BagReader:
         self.end_ns = max(source.end_time for source in filled) - 1
 
     def _files(self) -> list[Path]:
-        """The storage files of the recording: as metadata.yaml lists them, or else as they lie in the folder."""
+        """The storage files of the recording: those that metadata.yaml lists, or else those in the folder."""
         path = self.path
         if not path.exists():
             near = [p.name for p in path.parent.iterdir()] if path.parent.is_dir() else []
@@ -262,20 +262,20 @@ class BagReader:
             reader.open()
         except PermissionError as error:
             raise BagError(f"{file}: no permission to read it") from error
-        except Exception as error:  # rosbags lets any error escape on bytes that are not what they should be
+        except Exception as error:  # rosbags passes on any error that invalid bytes cause
             recovered = self._recovered(file)
             if recovered is None:
                 raise BagError(f"{file}: cannot be read: {error}") from error
             return recovered
         if isinstance(reader.storage, McapReader) and not reader.storage.chunks:
-            # rosbags gives up where such a file is not in order of its stamps
+            # rosbags refuses such a file when its stamps are not in order
             reader.close()
             return self._recovered(file) or reader
         self._opened.callback(reader.close)
         return reader
 
     def _recovered(self, file: Path) -> RecoveredMcap | RecoveredSqlite | None:
-        """The file read without its index; None where that way does not exist (a folder of packed files)."""
+        """The file, read without its index; None where that is impossible (a folder of packed files)."""
         if file.suffix not in _RECOVERY:
             return None
         try:
@@ -295,7 +295,7 @@ class BagReader:
         streams = [self._read(source, wanted, start_ns) for source in self._sources]
         yield from heapq.merge(*streams, key=lambda raw: raw.stamp_ns) if len(streams) > 1 else streams[0]
         if self.damage:
-            raise DamagedBagError(f"{self.path}: is damaged, what can be read was read: {self.damage}")
+            raise DamagedBagError(f"{self.path}: is damaged, all readable messages have been read: {self.damage}")
 
     def _read(self, source: Source, wanted: set[str], start_ns: int | None) -> Iterator[RawMessage]:
         connections = [c for c in source.connections if c.topic in wanted]
@@ -309,7 +309,7 @@ class BagReader:
         except Exception as error:  # as in _open_file
             reason = str(error)
         else:
-            # rosbags also walks over damage without noticing; with a later start its count is not known
+            # rosbags also passes over damage without an error; with a later start its count is unknown
             lost = sum(c.msgcount for c in connections) - sum(done.values())
             if lost <= 0 or (start_ns is not None and start_ns > source.start_time):
                 return
@@ -319,7 +319,7 @@ class BagReader:
             self._note(f"{source.path}: {reason}")
         if recovered is None:
             return
-        self._sources = [recovered if s is source else s for s in self._sources]  # for whoever reads the bag again
+        self._sources = [recovered if s is source else s for s in self._sources]  # for reading the bag again
         connections = [c for c in recovered.connections if c.topic in wanted]
         for c, stamp_ns, data in recovered.messages(connections, start_ns):
             if done[c.topic]:
@@ -354,7 +354,7 @@ class BagReader:
 
 
 def _listed_files(metadata: Path) -> list[Path]:
-    """The files metadata.yaml speaks of; none where it is missing or unreadable (a recorder that was killed)."""
+    """The files that metadata.yaml lists; none where it is missing or unreadable (a killed recorder)."""
     try:
         names = yaml.safe_load(metadata.read_text())["rosbag2_bagfile_information"]["relative_file_paths"]
         return [metadata.with_name(Path(name).name) for name in names]
@@ -363,7 +363,7 @@ def _listed_files(metadata: Path) -> list[Path]:
 
 
 def _unpacked(data: bytes) -> bytes:
-    """The message, where the recorder compressed each by itself."""
+    """The message, decompressed where the recorder compressed each one."""
     return zstd.decompress(data) if data[:4] == _ZSTD_MAGIC else data
 
 
@@ -414,7 +414,7 @@ class BagWriter:
             self._signals.end()
 
     def add_topic(self, topic: str, msgtype: str, latched: bool = False) -> None:
-        """Make a topic known before its first message; latched offers it as transient local, depth 1."""
+        """Add a topic before its first message; latched offers it as transient local, depth 1."""
         name = absolute(topic)
         if msgtype not in typestore().fielddefs:
             raise BagError(f"{self.path}: unknown message type {msgtype!r} for {name}{_type_hint(msgtype)}")

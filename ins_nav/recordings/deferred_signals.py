@@ -19,7 +19,7 @@ class DeferredSignals:
         self._replaced = handle_signals(self._defer)
 
     def deliver(self) -> None:
-        """Hand a signal that waits to the handler it had before.
+        """Pass a waiting signal to its previous handler.
 
         Raises
         ------
@@ -35,7 +35,7 @@ class DeferredSignals:
         handler(number, None)
 
     def end(self) -> None:
-        """Defer no longer; a signal that still waits takes effect now."""
+        """End deferral; a waiting signal takes effect now."""
         restore_signals(self._replaced)
         if self._waiting is not None:
             signal.raise_signal(self._waiting)

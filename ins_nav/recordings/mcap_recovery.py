@@ -1,7 +1,7 @@
-"""What can still be read of an mcap file that is cut off, damaged or without its index.
+"""Recovery of messages from an mcap file that is cut off, damaged or without its index.
 
-The file is walked record by record instead of through the index at its end. A chunk whose checksum is wrong is
-left out; of a chunk that is cut off, the whole messages are kept.
+The file is read record by record instead of through the index at its end. A chunk with a wrong checksum is left out;
+of a chunk that is cut off, complete messages are kept.
 
 Format: MCAP specification, version 0 (mcap.dev/spec).
 """
@@ -21,7 +21,7 @@ from rosbags.rosbag2 import ReaderError
 from rosbags.rosbag2.metadata import parse_qos
 
 _MAGIC = b"\x89MCAP0\r\n"
-_FOOTER_SIZE = 28  # what is left of the footer from its summary offset on, with the magic
+_FOOTER_SIZE = 28  # from its summary offset on, with the magic
 _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _CHUNK_INDEX, _DATA_END = 3, 4, 5, 6, 8, 15
 _LAST_OPCODE = 15
 _FORMATS = {"ros2msg": MessageDefinitionFormat.MSG, "ros2idl": MessageDefinitionFormat.IDL}
@@ -43,7 +43,7 @@ class _Segment(NamedTuple):
 
 
 class RecoveredMcap:
-    """Reads an mcap file without its index; offers what is used of `rosbags.rosbag2.Reader`.
+    """Reads an mcap file without its index; offers the used part of the interface of `rosbags.rosbag2.Reader`.
 
     Attributes
     ----------
@@ -75,7 +75,7 @@ class RecoveredMcap:
         self.end_time = max((s.last_ns for s in self._segments), default=-1) + 1
 
     def close(self) -> None:
-        """Let go of the file."""
+        """Close the file."""
         self._map.close()
 
     def messages(
@@ -103,7 +103,7 @@ class RecoveredMcap:
         self.damage = f"{self.damage}; {damage}" if self.damage else damage
 
     def _scan(self) -> None:
-        """Find topics and segments, and what is damaged."""
+        """Find topics, segments and damage."""
         size = len(self._map)
         place = len(_MAGIC)
         chunks = self._read_summary()
@@ -125,7 +125,7 @@ class RecoveredMcap:
             place = resume
 
     def _read_summary(self) -> list[int]:
-        """Take in the topics named at the file's end, where there is one, and return where the chunks begin."""
+        """Read the topics listed at the file's end, where it exists; return the beginnings of the chunks."""
         offsets = []
         if self._map[-len(_MAGIC) :] == _MAGIC:
             (summary,) = struct.unpack_from("<Q", self._map, len(self._map) - _FOOTER_SIZE)
@@ -159,7 +159,7 @@ class RecoveredMcap:
     def _segment_messages(
         self, segment: _Segment, describe: bool = False
     ) -> Iterator[tuple[int, int, Buffer, int, int]]:
-        """Channel, stamp, and the place of the data, of each whole message; describe also takes in the topics."""
+        """Channel, stamp, and the place of the data, of each complete message; describe reads the topics too."""
         if segment.opcode == _MESSAGE:
             channel, _, stamp_ns, _ = _MESSAGE_HEAD.unpack_from(self._map, segment.begin)
             yield channel, stamp_ns, self._map, segment.begin + _MESSAGE_HEAD.size, segment.end
@@ -180,7 +180,7 @@ class RecoveredMcap:
             self._note(f"the chunk at byte {segment.begin} is damaged, its last {len(chunk) - reached} bytes are lost")
 
     def _describe(self, opcode: int, record: bytes) -> None:
-        """Take in a schema or a channel record."""
+        """Read a schema or a channel record."""
         if opcode == _SCHEMA:
             (key,) = struct.unpack_from("<H", record)
             name, place = _string(record, 2)
@@ -197,7 +197,7 @@ class RecoveredMcap:
 
 
 def _records(buffer: Buffer, place: int) -> Iterator[tuple[int, int, int]]:
-    """Opcode, begin and end of each record; the last one's end may lie beyond the buffer. Ends where no record is."""
+    """Opcode, begin and end of each record; the last one may end beyond the buffer. Stops at the first invalid one."""
     while place + _RECORD.size <= len(buffer):
         opcode, length = _RECORD.unpack_from(buffer, place)
         if not 0 < opcode <= _LAST_OPCODE:
@@ -208,7 +208,7 @@ def _records(buffer: Buffer, place: int) -> Iterator[tuple[int, int, int]]:
 
 
 def _unpacked(chunk: bytes, cut_off: bool) -> bytes:
-    """The records in a chunk record; of one that is cut off, as much as there is."""
+    """The records in a chunk record; of one that is cut off, those that remain."""
     _, _, size, crc = _CHUNK_HEAD.unpack_from(chunk)
     compression, place = _string(chunk, _CHUNK_HEAD.size)
     packed = chunk[place + 8 :]

@@ -1,4 +1,4 @@
-"""What can still be read of a rosbag2 sqlite3 file that is cut off or damaged.
+"""Recovery of messages from a rosbag2 sqlite3 file that is cut off or damaged.
 
 Rows are read in the order they were written, from both ends, up to the damage.
 """
@@ -19,7 +19,7 @@ _HEADER_SIZE = 100
 
 
 class RecoveredSqlite:
-    """Reads a sqlite3 recording row by row; offers what is used of `rosbags.rosbag2.Reader`.
+    """Reads a sqlite3 recording row by row; offers the used part of the interface of `rosbags.rosbag2.Reader`.
 
     Attributes
     ----------
@@ -48,7 +48,7 @@ class RecoveredSqlite:
         self.end_time = self._rows[-1][0] + 1 if self._rows else 0
 
     def close(self) -> None:
-        """Let go of the file."""
+        """Close the file."""
         self._database.close()
         self._folder.cleanup()
 
@@ -67,7 +67,7 @@ class RecoveredSqlite:
                 yield wanted[topic], stamp_ns, data
 
     def _whole_pages(self) -> Path:
-        """The file, or a copy filled up with zeros: sqlite refuses a file shorter than its header tells."""
+        """The file, or a copy filled up with zeros: sqlite refuses a file shorter than its header states."""
         with self.path.open("rb") as file:
             header = file.read(_HEADER_SIZE)
         if len(header) < _HEADER_SIZE or not header.startswith(b"SQLite format 3\0"):
@@ -81,12 +81,12 @@ class RecoveredSqlite:
         copy = Path(self._folder.name, self.path.name)
         shutil.copyfile(self.path, copy)
         with copy.open("r+b") as file:
-            file.truncate(size // page_size * page_size)  # a page in part would pass for a whole one
+            file.truncate(size // page_size * page_size)  # a partial page would be read as a complete one
             file.truncate(full)
         return copy
 
     def _find_rows(self) -> list[tuple[int, int, int]]:
-        """Stamp, row and topic of all messages that can be reached, by stamp."""
+        """Stamp, row and topic of all reachable messages, by stamp."""
         found: dict[int, tuple[int, int, int]] = {}
         for order in ("ASC", "DESC"):
             try:

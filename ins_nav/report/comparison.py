@@ -19,8 +19,8 @@ from ins_nav.report.series import (
 
 @dataclass(frozen=True)
 class Errors:
-    """Result minus reference: stamps (n,), three components (n, 3), and the result's own sigmas of them, NaN where
-    it gives none."""
+    """Result minus reference: stamps (n,), three components (n, 3), and the result's sigmas of them, NaN where it
+    gives none."""
 
     stamps_ns: Stamps
     values: Array
@@ -84,7 +84,7 @@ def _position(result: Positions, reference: Positions, common: NDArray[np.bool_]
     there = interpolated(result.stamps_ns, values, at)
     lat, lon = reference.lat[common], reference.lon[common]
     horizontal = horizontal_offset(there[:, :3], reference.ecef[common], lat, lon)
-    # heights are compared as such: far off, the up component would show the Earth's curvature
+    # heights are compared directly: far away, the up component would contain the Earth's curvature
     return Errors(at, np.column_stack([horizontal, there[:, 3] - reference.height[common]]), there[:, 4:])
 
 

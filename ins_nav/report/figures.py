@@ -19,7 +19,7 @@ from ins_nav.report.comparison import Comparison, Errors, horizontal_offset
 from ins_nav.report.series import Array, Attitudes, Positions, Stamps, Track, gaps
 
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
-"""Okabe and Ito's, which colour-blind people can tell apart."""
+"""Okabe and Ito's, which colour-blind people can distinguish."""
 _REFERENCE = "0.25"
 _SIGMAS = 3.0
 _LEAST_ANGLE = 0.01
@@ -74,7 +74,7 @@ def figure(results: Sequence[Track], reference: Track | None = None, comparisons
 
 
 def save(fig: Figure, path: Path) -> None:
-    """Write the figure; the suffix says in which format.
+    """Write the figure, in the format of the suffix.
 
     Raises
     ------
@@ -89,7 +89,7 @@ def save(fig: Figure, path: Path) -> None:
 
 
 class _Drawing:
-    """What the panels share: the time axis, the colours, the place that is the origin of the track."""
+    """Time axis, colours and origin of the track, common to all panels."""
 
     def __init__(self, results: Sequence[Track], reference: Track | None) -> None:
         self._results = results
@@ -102,7 +102,7 @@ class _Drawing:
         return (stamps_ns - self._start_ns) / (60e9 if self._minutes else 1e9)
 
     def _within(self, stamps_ns: Stamps) -> slice:
-        """While there are results: a reference may be longer."""
+        """Limits of the results: a reference may be longer."""
         return slice(*np.searchsorted(stamps_ns, [self._start_ns, self._end_ns + 1]))
 
     def _curve(self, axes: Axes, stamps_ns: Stamps, values: Array, colour: str, jump: float = np.inf) -> None:
@@ -124,7 +124,7 @@ class _Drawing:
         return [(self._reference, _REFERENCE), *coloured] if self._reference else coloured
 
     def track(self, axes: Axes) -> None:
-        """Where it went, on east and north from the start."""
+        """Track, east and north from the start."""
         origin = self._results[0].position
         lat, lon, start = float(origin.lat[0]), float(origin.lon[0]), origin.ecef[:1]
 
@@ -134,7 +134,7 @@ class _Drawing:
         if self._reference:
             position = self._reference.position
             x, y = local(position, self._within(position.stamps_ns)).T
-            # lone fixes are dots: a line would say too much; a line ends with a mark, as it may be a point
+            # single fixes are dots; a line ends with a mark, since it may be a point
             style: dict[str, Any] = {"linestyle": "", "marker": "."}
             if self._reference.attitude is not None:
                 style = {"linewidth": 2.2, "marker": "s", "markevery": [-1]}
@@ -173,7 +173,7 @@ class _Drawing:
             _at_least(axes, _LEAST_SPEED)
 
     def attitude(self, column: Sequence[Axes]) -> None:
-        """Roll, pitch and heading; the axis of the heading is cut where it has least to do."""
+        """Roll, pitch and heading; the axis of the heading is cut in the widest unused sector."""
         cut = _rarest_heading([result.attitude for result in self._results if result.attitude is not None])
         for track, colour in self._all():
             if track.attitude is not None:
@@ -236,7 +236,7 @@ def _band(colour: str) -> dict[str, Any]:
 
 
 def _at_least(axes: Axes, span: float) -> None:
-    """Widen the vertical axis to a span below which there is only rounding to see."""
+    """Widen the vertical axis to a span below which only rounding is visible."""
     low, high = axes.get_ylim()
     if high - low < span:
         middle = 0.5 * (low + high)

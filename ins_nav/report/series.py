@@ -1,6 +1,6 @@
-"""From bags to arrays: what a navigator said, and what a reference says.
+"""From bags to arrays: solutions of a navigator, and a reference.
 
-Times are header stamps: what a message is about, not when it was recorded.
+Times are header stamps, not those of recording.
 """
 
 from collections.abc import Callable, Mapping
@@ -28,14 +28,14 @@ _DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 _COVARIANCE_UNKNOWN = 0
 _REFERENCES = ("/truth/fix", "/reference/fix", "/gnss/fix")
 _GAP = 5.0
-"""Times the median interval: what is further apart is not joined."""
+"""Times the median interval: a longer one is a gap."""
 
 _LEAST_SIGMA = 1e-9
 """rad."""
 
 
 class ReportError(InsNavError):
-    """A bag has not what a report needs."""
+    """A bag lacks the topics or messages of a report."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ class Attitudes:
 
     @property
     def stddev(self) -> Array:
-        """Of roll, pitch and heading, (n, 3), rad: what a small turn about east, north, up does to each.
+        """Of roll, pitch and heading, (n, 3), rad, from the covariance of small turns about east, north, up.
 
         NaN where not given, or nothing but rounding, as that of a heading given by hand.
         """
@@ -104,7 +104,7 @@ class Velocities:
 
 @dataclass(frozen=True)
 class Track:
-    """One account of a journey: a navigator's or a reference's.
+    """A trajectory by a navigator or a reference.
 
     Attributes
     ----------
@@ -117,7 +117,7 @@ class Track:
     diagnostics : dict
         Last values on /diagnostics.
     damage : str
-        What is wrong with the bag; empty when it is sound.
+        Damage of the bag; empty when it is sound.
     """
 
     name: str
@@ -130,7 +130,7 @@ class Track:
 
 
 def gaps(stamps_ns: Stamps) -> NDArray[np.bool_]:
-    """Which of the n - 1 intervals of a series are too long to join its ends."""
+    """Which of the n - 1 intervals of a series are gaps."""
     intervals = np.diff(stamps_ns)
     return np.asarray(intervals > _GAP * np.median(intervals))
 
@@ -143,7 +143,7 @@ def covered(stamps_ns: Stamps, at_ns: Stamps) -> NDArray[np.bool_]:
     stamps_ns : (n,)
         Of the series, ascending; n at least 2.
     at_ns : (m,)
-        Where it is wanted.
+        Stamps of interest.
 
     Returns
     -------
@@ -168,7 +168,7 @@ def rotations_at(attitude: Attitudes, at_ns: Stamps) -> Rotation:
 
 
 def read_result(path: Path, name: str) -> Track:
-    """What ins_process wrote or was recorded of ins_node: /fix, /imu/data and /odometry, the rest if it is there.
+    """Result of ins_process, or recording of ins_node: /fix, /imu/data, /odometry, and optional topics.
 
     Raises
     ------
@@ -194,7 +194,7 @@ def read_result(path: Path, name: str) -> Track:
 
 
 def _find_reference(bag: BagReader, topic: str | None) -> str | None:
-    """Name of the reference's NavSatFix topic: the one asked for, else the best there is, else None.
+    """Name of the reference's NavSatFix topic: the requested one, else the best available, else None.
 
     Raises
     ------
@@ -211,7 +211,7 @@ def _find_reference(bag: BagReader, topic: str | None) -> str | None:
 
 
 def read_reference(path: Path, topic: str | None = None) -> Track | None:
-    """The reference in a bag, None where there is none.
+    """The reference in a bag; None without one.
 
     A reference is a NavSatFix topic and what stands beside it under the same prefix, as far as there is any:
     ``imu`` or ``imu/data`` for orientation, ``velocity`` (east, north, up) or ``odometry`` for velocity.
@@ -234,7 +234,7 @@ def read_reference(path: Path, topic: str | None = None) -> Track | None:
 
 
 def _first(bag: BagReader, prefix: str, wanted: Mapping[str, str]) -> dict[str, str]:
-    """The first of the topics wanted, with its type, that the bag has under the prefix, or none."""
+    """The first of the topics, with its type, that the bag has under the prefix, or none."""
     for name, msgtype in wanted.items():
         info = bag.topics.get(f"{prefix}/{name}")
         if info is not None and info.msgtype == msgtype:
@@ -243,14 +243,14 @@ def _first(bag: BagReader, prefix: str, wanted: Mapping[str, str]) -> dict[str, 
 
 
 class _Rows:
-    """Stamps and values of one topic, as they come."""
+    """Stamps and values of one topic, in order of arrival."""
 
     def __init__(self) -> None:
         self.stamps: list[int] = []
         self.items: list[Any] = []
 
     def arrays(self) -> tuple[Stamps, Array]:
-        """In order of the stamps, each stamp once."""
+        """Sorted by stamp, each stamp once."""
         stamps, index = np.unique(np.array(self.stamps, dtype=np.int64), return_index=True)
         return stamps, np.array(self.items, dtype=float)[index]
 
@@ -274,7 +274,7 @@ def _twist_row(m: Any) -> Any:
 
 
 def _odometry_row(m: Any) -> Any:
-    """The same, with a fourth that tells it is on the body's axes."""
+    """The same with a fourth value, which marks the body's axes."""
     return (*_twist_row(m), 1.0)
 
 
@@ -298,7 +298,7 @@ def _check_type(bag: BagReader, topic: str, msgtype: str) -> None:
 
 
 def _read(bag: BagReader, topics: Mapping[str, str]) -> tuple[dict[str, _Rows], str]:
-    """The rows of each topic, and what is wrong with the bag."""
+    """The rows of each topic, and the damage of the bag."""
     from tqdm import tqdm
 
     for topic, msgtype in topics.items():
@@ -339,7 +339,7 @@ def _attitudes(rows: _Rows) -> Attitudes | None:
 
 
 def _velocities(rows: _Rows, attitude: Attitudes | None) -> Velocities | None:
-    """East, north, up; what is on the body's axes needs the attitude."""
+    """East, north, up; a velocity on the body's axes requires the attitude."""
     if not rows.items:
         return None
     stamps, values = rows.arrays()

@@ -13,7 +13,7 @@ Rows = dict[str, str]
 
 _MINUTES = (1, 2, 5, 10, 20, 30, 60, 120, 180, 360, 720, 1440)
 _NEAR = 5.0
-"""s: how far from a full minute an error may be to be shown for it."""
+"""s: largest distance of an error from the full minute it is shown for."""
 _PER_HOUR = math.degrees(1.0) * 3600.0
 
 
@@ -57,7 +57,7 @@ def table(columns: Mapping[str, Rows]) -> str:
 
 
 def _ordered(columns: Mapping[str, Rows]) -> Sequence[str]:
-    """All measures, the longest list's order first: results of different length have different minutes."""
+    """All measures, in the order of the longest list: results of different length have different minutes."""
     ordered: list[str] = []
     for rows in sorted(columns.values(), key=len, reverse=True):
         before = 0

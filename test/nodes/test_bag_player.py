@@ -142,7 +142,7 @@ def test_what_is_said_of_bad_arguments_and_bags(tmp_path: Path) -> None:
         ([], r"required: bag"),
         ([bag, "--ros-args", "-r", "x"], r"ROS arguments: .*remap rule: '-r x'"),
         ([str(tmp_path / "bagg")], r"no such bag \(did you mean .*bag\?\)"),
-        ([str(cut), *fast], r"is damaged, what can be read was read: cut.mcap: cut off at byte 100000"),
+        ([str(cut), *fast], r"is damaged, all readable messages have been read: cut.mcap: cut off at byte 100000"),
     ]
     with Ros(tmp_path) as ros:
         process = ros.start(script, json.dumps([case[0] for case in cases]))
