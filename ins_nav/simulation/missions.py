@@ -12,13 +12,13 @@ from ins_nav.simulation.parameters import Parameter, Values
 from ins_nav.simulation.waves import SWELL, rocking_signals
 
 _START_TIME = 10.0
-"""How long it takes to get under way, and the swell to go down, s."""
+"""Time in which it gathers way and the swell decays, s."""
 _BOX_LEG, _BOX_TURN = 25.0, 10.0
 """Sides and turns of the box at the surface, s."""
 _PITCH_TIME = 10.0
-"""How long it takes to pitch to the glide angle, and back, s."""
+"""Time of a change of pitch to the glide angle or back, s."""
 _DRAUGHT = 2.0
-"""How far off the water's surface an IMU may be while the vehicle floats, m."""
+"""Largest distance of the IMU from the water's surface while the vehicle floats, m."""
 
 AUV_DIVE: dict[str, Any] = {
     "duration": Parameter(0.0, "s", "length of the recording, 0: the whole mission", 0.0, 1e5),
@@ -26,19 +26,19 @@ AUV_DIVE: dict[str, Any] = {
     "height": 0.0,
     "imu.preset": "fog_auv",
     **SWELL,
-    "alignment_time": Parameter(300.0, "s", "how long it rocks in the swell, not under way", 0.0),
-    "turn_deg": Parameter(180.0, "deg", "turn meanwhile, to the left, 0 for none"),
+    "alignment_time": Parameter(300.0, "s", "time of rocking in the swell, not under way", 0.0),
+    "turn_deg": Parameter(180.0, "deg", "turn during that time, to the left, 0 for none"),
     "turn_start": Parameter(150.0, "s", "when that turn begins", 0.0),
-    "turn_time": Parameter(20.0, "s", "how long it takes", 0.1),
+    "turn_time": Parameter(20.0, "s", "duration of that turn", 0.1),
     "speed": Parameter(1.5, "m/s", "horizontal speed, under way", 0.1),
-    "surface_leg": Parameter(120.0, "s", "how long it runs a box at the surface then", _START_TIME),
-    "surface_swell": Parameter(0.3, "", "share of the swell felt under way at the surface", 0.0, 1.0),
+    "surface_leg": Parameter(120.0, "s", "time of a box at the surface after that", _START_TIME),
+    "surface_swell": Parameter(0.3, "", "share of the swell under way at the surface", 0.0, 1.0),
     "depth": Parameter(50.0, "m", "depth of the dive", 1.0, 11_000.0),
-    "glide_angle_deg": Parameter(12.0, "deg", "how steeply it dives and surfaces", 1.0, 45.0),
+    "glide_angle_deg": Parameter(12.0, "deg", "pitch while it dives and surfaces", 1.0, 45.0),
     "dive_time": Parameter(3600.0, "s", "from the beginning of the dive to the surface again", 1.0),
     "leg_length": Parameter(300.0, "m", "of the parallel legs", 1.0),
     "leg_spacing": Parameter(30.0, "m", "from leg to leg, turns alternately to the left and to the right", 1.0),
-    "surface_time": Parameter(120.0, "s", "how long it goes on at the surface", 0.0),
+    "surface_time": Parameter(120.0, "s", "time at the surface after the dive", 0.0),
     "gnss.lever_arm": (0.0, 0.0, 0.5),
     "gnss.lost_depth": 0.3,
     "log.rate": 5.0,
@@ -57,11 +57,11 @@ AUV_DIVE: dict[str, Any] = {
     "range.lever_arm": (-0.2, 0.0, 0.2),
     "truth.rate": 10.0,
 }
-"""Log of 0.2 % and 1 cm/s, depth to 5 cm, ranges to 0.5 m from a vessel that circles, which it asks for."""
+"""Log of 0.2 % and 1 cm/s, depth to 5 cm, two-way ranges to 0.5 m to a vessel that circles."""
 
 
 def auv_dive(p: Values) -> Motion:
-    """The motion: it goes along its bow all the time, but for the swell."""
+    """The motion: along the bow all the time, apart from the swell."""
     if abs(p["height"] - p["depth.surface_height"]) > _DRAUGHT:
         raise InsNavError(
             f"height {p['height']:g} m is not that of the water, depth.surface_height {p['depth.surface_height']:g} m; "
@@ -107,7 +107,7 @@ def auv_dive(p: Values) -> Motion:
 
 
 def _parallel_legs(route: Route, p: Values, until: float) -> None:
-    """Legs joined by half turns until the time given, s, and straight on where no turn fits any more."""
+    """Legs joined by half turns until the time given, s, then straight on once no further turn fits."""
     # a half turn as smooth as all others moves the vehicle aside by this, for a speed and a duration of 1
     turning = smooth_profile(0.0, [(0.0, 1.0, math.pi)])
     aside, _ = quad(lambda x: math.sin(float(turning(x))), 0.0, 1.0)

@@ -52,7 +52,7 @@ class Signal:
 
 
 def constant(value: float) -> Signal:
-    """The same value for ever."""
+    """A constant value."""
     return Signal(lambda t, order: np.full(np.shape(t), 0.0 if order else value))
 
 
@@ -68,7 +68,7 @@ def sinusoid(amplitude: float, period: float, phase: float = 0.0) -> Signal:
 
 
 def smooth_profile(initial: float, changes: Sequence[tuple[float, float, float]]) -> Signal:
-    """A value that stays, and changes smoothly now and then.
+    """A piecewise constant value with smooth changes.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ def smooth_profile(initial: float, changes: Sequence[tuple[float, float, float]]
 
 
 def integral_of_profile(initial: float, changes: Sequence[tuple[float, float, float]]) -> Signal:
-    """What a `smooth_profile` adds up to since time 0: a height, say, from a rate of climb."""
+    """Integral of a `smooth_profile` since time 0: a height from a rate of climb, for example."""
     polynomial = _polynomial(initial, changes).antiderivative()
     start = float(polynomial(0.0))
     return Signal(lambda t, order: polynomial(t, order)) + -start
@@ -98,20 +98,22 @@ def _polynomial(initial: float, changes: Sequence[tuple[float, float, float]]) -
     breaks, pieces, value, end = [-1.0], [], initial, -1.0
     for start, duration, target in changes:
         if start < end or duration <= 0.0:
-            raise ValueError(f"change at {start} s for {duration} s: must last, and start after {end} s")
+            raise ValueError(
+                f"change at {start} s for {duration} s: the duration must be positive, the start after {end} s"
+            )
         if start > end:
             breaks.append(start)
             pieces.append([value] + [0.0] * 7)
         breaks.append(start + duration)
         pieces.append([value * (k == 0) + (target - value) * c / duration**k for k, c in enumerate(_STEP)])
         value, end = target, start + duration
-    breaks.append(end + 1.0)  # extrapolated for ever
+    breaks.append(end + 1.0)  # extrapolated without end
     pieces.append([value] + [0.0] * 7)
     return PPoly(np.array(pieces).T[::-1], np.array(breaks))
 
 
 class Route:
-    """A drive put together piece by piece; its speed, m/s, and yaw, rad, are signals.
+    """A drive composed of pieces; its speed, m/s, and yaw, rad, are signals.
 
     Parameters
     ----------
@@ -130,7 +132,7 @@ class Route:
         self.time += duration
 
     def reach(self, speed: float, duration: float) -> None:
-        """Go to the speed, m/s, within the duration, s."""
+        """Accelerate to the speed, m/s, within the duration, s."""
         self._speeds.append((self.time, duration, speed))
         self.time += duration
 

@@ -1,4 +1,4 @@
-"""Parameters of a simulation: what there is to set, the defaults, the limits."""
+"""Parameters of a simulation: names, defaults, limits."""
 
 import math
 from collections.abc import Mapping
@@ -16,7 +16,7 @@ Values = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class Parameter:
-    """Something to set: its type is that of the default (a number, several numbers, text).
+    """A parameter; its type is that of the default (a number, several numbers, text).
 
     Several are as many as the default has; any number of them where ``many`` is set.
     """
@@ -104,7 +104,7 @@ def _imu_parameters() -> dict[str, Parameter]:
 
 
 def _aid_parameters() -> dict[str, Parameter]:
-    """Those that aids declare for their simulated readings."""
+    """Parameters that aids declare for their simulated readings."""
     parameters: dict[str, Parameter] = {}
     for kind in aid_classes():
         if kind.SIMULATED is not None:
@@ -142,7 +142,7 @@ SHARED: dict[str, Parameter] = {
 
 
 def resolved(owner: str, parameters: Mapping[str, Parameter], given: Values) -> dict[str, Any]:
-    """Value of every parameter: those given, checked, else the defaults, those of the IMU from its preset.
+    """Value of every parameter: given values, checked, else defaults; those of the IMU come from its preset.
 
     Raises
     ------

@@ -1,6 +1,6 @@
-"""Named scenarios: what moves, with which sensors; simulated by name, repeatable from a seed.
+"""Named scenarios, each a motion with sensors; simulated by name, repeatable from a seed.
 
-A scenario is a function that makes a motion of its parameters' values, decorated with what there is to set::
+A scenario is a function from its parameters' values to a motion, decorated with the declarations of parameters::
 
     @scenario("Stands still.", {"roll_deg": Parameter(0.0, "deg", "roll"), "duration": 60.0})
     def static(p: Values) -> Motion: ...
@@ -49,7 +49,7 @@ class Scenario:
     parameters: dict[str, Parameter]
     motion: MotionMaker
     errors: Values
-    """Sensor errors of its own, which the preset leaves alone."""
+    """Sensor errors of the scenario, to which those of the preset are added."""
 
 
 SCENARIOS: dict[str, Scenario] = {}
@@ -57,7 +57,7 @@ SCENARIOS: dict[str, Scenario] = {}
 
 @dataclass(frozen=True)
 class Simulation:
-    """What was simulated. Sample k of n covers the interval that ends at its stamp."""
+    """Trajectory and readings. Sample k of n covers the interval that ends at its stamp."""
 
     scenario: str
     seed: int
@@ -74,7 +74,7 @@ class Simulation:
     """(n, 3), measured specific force, m/s²."""
     errors: ImuErrors
     gyro_bias: Triple
-    """Constant part of the gyros' bias, what was drawn included, rad/s."""
+    """Constant part of the gyros' bias, the random part included, rad/s."""
     accel_bias: Triple
     """The same of the accelerometers, m/s²."""
     aids: Mapping[str, Any]
@@ -87,7 +87,7 @@ class Simulation:
         return fixes
 
     def redrawn(self, seed: int, **parameters: Any) -> "Simulation":
-        """All sensors' errors drawn anew along the same trajectory: one run of many.
+        """Draw all sensors' errors anew along the same trajectory: one run of a Monte Carlo study.
 
         Parameters
         ----------
@@ -194,14 +194,14 @@ _ROCKING = ROCKING | {
     "duration": 900.0,
     "rate": 400.0,
     "imu.preset": "fog_auv",
-    "rocking_time": Parameter(300.0, "s", "how long it rocks; it settles within 5 s then", 0.0),
+    "rocking_time": Parameter(300.0, "s", "time of rocking; it settles within 5 s after that", 0.0),
 }
 _SWELL = (
     _ROCKING
     | SWELL
     | {
         "lat_deg": 55.7,
-        "rocking_time": Parameter(900.0, "s", "how long it rocks; it settles within 5 s then", 0.0),
+        "rocking_time": Parameter(900.0, "s", "time of rocking; it settles within 5 s after that", 0.0),
     }
 )
 
@@ -221,8 +221,8 @@ def swell_alignment(p: Values) -> Motion:
     _SWELL
     | {
         "turn_start": Parameter(150.0, "s", "when the turn begins", 0.0),
-        "turn_deg": Parameter(180.0, "deg", "how far it turns, to the left"),
-        "turn_time": Parameter(20.0, "s", "how long that takes", 0.1),
+        "turn_deg": Parameter(180.0, "deg", "angle of the turn, to the left"),
+        "turn_time": Parameter(20.0, "s", "duration of the turn", 0.1),
     },
 )
 def swell_alignment_turn(p: Values) -> Motion:
@@ -276,7 +276,7 @@ _ROLL_PER_LATERAL_ACCELERATION = 0.01
     "A car stands, then drives through a city with turns and stops.",
     {
         "duration": 720.0,
-        "stand_time": Parameter(120.0, "s", "how long it stands at first", 0.0),
+        "stand_time": Parameter(120.0, "s", "time of standing at first", 0.0),
         "engine_amplitude": Parameter(0.0, "m", "amplitude of vibration up and down, all the time", 0.0),
         "engine_frequency": Parameter(25.0, "Hz", "frequency of that vibration", 0.1),
         "people_amplitude_deg": Parameter(
@@ -366,14 +366,14 @@ _UNTILT_TIME = 10.0
     _PAPER
     | {
         "duration": 720.0,
-        "first_stop": Parameter(200.0, "s", "how long it stands at first, self-alignment included", 0.0),
+        "first_stop": Parameter(200.0, "s", "time of standing at first, self-alignment included", 0.0),
         "turn_deg": Parameter(180.0, "deg", "turn to the second position, counter-clockwise"),
-        "turn_time": Parameter(20.0, "s", "how long the turn takes", 0.1),
+        "turn_time": Parameter(20.0, "s", "duration of the turn", 0.1),
         "turn_radius": Parameter(5.0, "m", "radius of the turn, 0 for on the spot", 0.0),
         "drive_time": Parameter(
             0.0, "s", f"how long it drives straight on then, up to {_SHORT_DRIVE_SPEED:g} m/s", 0.0
         ),
-        "second_stop": Parameter(200.0, "s", "how long it stands in the second position", 0.0),
+        "second_stop": Parameter(200.0, "s", "time of standing in the second position", 0.0),
         "tilt_deg": Parameter(0.0, "deg", "pitch in the second position, bow down positive", -85.0, 85.0),
     },
 )

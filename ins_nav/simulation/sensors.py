@@ -46,7 +46,7 @@ class TriadErrors:
     """Scale factor error."""
     scale_stddev: float
     misalignment: Six
-    """How much of the true y and z enters output x, of x and z output y, of x and y output z; rad."""
+    """Shares of true y and z in output x, of x and z in output y, of x and y in output z; rad."""
     misalignment_stddev: float
     """rad."""
     quantization: float
@@ -106,7 +106,7 @@ class ImuReadings(NamedTuple):
     linear_acceleration: Array
     """(n, 3), specific force, m/s²."""
     gyro_bias: Triple
-    """Constant part of the gyros' bias, what was drawn included, rad/s."""
+    """Constant part of the gyros' bias, the random part included, rad/s."""
     accel_bias: Triple
     """The same of the accelerometers, m/s²."""
 
@@ -223,7 +223,7 @@ PRESETS = {
 
 
 def measure_imu(parameters: Mapping[str, Any], trajectory: Trajectory, seed: int) -> ImuReadings:
-    """What the inertial unit of a simulation's parameters puts out along the trajectory; seed not negative."""
+    """Output of the inertial unit that the parameters describe, along the trajectory; seed not negative."""
     dt = 1.0 / parameters["rate"]
     if parameters["imu.sampling"] == "averaged":
         rate, force = trajectory.delta_theta / dt, trajectory.delta_velocity / dt

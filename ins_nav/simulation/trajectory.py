@@ -1,4 +1,4 @@
-"""A motion laid on the rotating ellipsoid: true position, velocity and attitude, and what ideal sensors measure.
+"""A motion laid on the rotating ellipsoid: true position, velocity and attitude, and readings of ideal sensors.
 
 Everything is in closed form, from the motion's own derivatives; nothing is integrated but the sensors' output
 over a sampling interval. So a trajectory is an oracle for the mechanization, independent of it.
@@ -27,12 +27,12 @@ from ins_nav.simulation.motion import Array, Motion
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(4)
 _CHUNK = 20_000
-"""Samples worked on at once: keeps an hour at 400 Hz within some hundred megabytes."""
+"""Samples processed at once: an hour at 400 Hz then fits into some hundred megabytes."""
 
 
 @dataclass(frozen=True)
 class Origin:
-    """Where the plane touches: geodetic latitude and longitude, rad, ellipsoidal height, m."""
+    """Point at which the plane touches: geodetic latitude and longitude, rad, ellipsoidal height, m."""
 
     lat: float
     lon: float
@@ -41,7 +41,7 @@ class Origin:
 
 @dataclass(frozen=True, kw_only=True)
 class States:
-    """True states at m instants, and what ideal sensors read at them."""
+    """True states at m instants, and readings of ideal sensors at them."""
 
     time: Array
     """(m,), s."""

@@ -1,4 +1,4 @@
-"""Rocking, as waves or a test bench make it: its parameters, and its signals about a mean attitude and place."""
+"""Rocking by waves or on a test bench: parameters, and signals about a mean attitude and position."""
 
 import math
 from dataclasses import replace
@@ -17,7 +17,7 @@ ROCKING: dict[str, Parameter] = {
     "sway_amplitude": Parameter(0.0, "m", "amplitude to the left, a third of a period after surge", 0.0),
     "heave_amplitude": Parameter(0.0, "m", "amplitude up, two thirds of a period after surge", 0.0),
 }
-"""On a bench: nothing but roll and pitch."""
+"""On a bench: roll and pitch only."""
 SWELL = ROCKING | {name: replace(ROCKING[name], default=0.5) for name in ("surge_amplitude", "heave_amplitude")}
 """At the surface of the sea."""
 
@@ -33,7 +33,7 @@ class Rocking(NamedTuple):
 
 
 def rocking_signals(p: Values, envelope: Signal, along: float) -> Rocking:
-    """Rocking of the parameters above, times the envelope; surge goes along the yaw given, rad."""
+    """Rocking of the parameters above, times the envelope; surge is along the given yaw, rad."""
     surge, sway, heave = (
         envelope * sinusoid(p[f"{axis}_amplitude"], p["linear_period"], -phase * 2.0 * math.pi / 3.0)
         for phase, axis in enumerate(("surge", "sway", "heave"))
