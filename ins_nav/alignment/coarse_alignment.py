@@ -1,9 +1,9 @@
-"""Coarse alignment on gravity's cone: level and heading with no initial angle, standing or rocking.
+"""Coarse alignment on the cone of gravity: level and heading without initial angles, standing or rocking.
 
 Specific force is averaged over short blocks in inertial space (`gravity_cone`). On the axes of the solution
 the blocks' deviations from the cone are two series, east and north, each a constant (level), a slope (north: heading;
-east: a rate that is not the Earth's) and noise, which is found, not assumed (`noise_model`): white noise of
-the accelerometers, random walk of attitude from the gyros, jolts of velocity, waves and swell.
+east: a rate that is not the Earth's) and noise, identified from the data (`noise_model`): white noise of the
+accelerometers, random walk of attitude from the gyros, jolts of velocity, waves and swell.
 
 References
 ----------
@@ -29,22 +29,24 @@ _MIN_BLOCKS = 12
 _GRAVITY_TOLERANCE = 0.5
 """m/s²: 50 mg, beyond any accelerometer's bias."""
 _DEGREES_TOLERANCE = 0.2
-"""Rates are in degrees per second when that makes them the Earth's to this share: 3 °/h, any bias of good gyros."""
+"""Rates are in degrees per second when they then agree with the Earth's to this share: 3 °/h, more than the bias of
+good gyros."""
 _DEGREES = (
     "angular velocity agrees with the turning of gravity only as degrees per second: publish angular_velocity in rad/s"
 )
 _TURNED, _SETTLED = 0.01, 1e-4
-"""rad: where the axes turned by more, the noise is found again; where by less, they stay (tilt counts ten times)."""
+"""rad: limits of a correction of the axes: above the first the noise is identified again, below the second the
+iteration ends (tilt counts ten times)."""
 _REST_SPEED = 0.01
 """m/s: below this RMS the base stands, and velocity is zero rather than estimated. No sigma is smaller."""
 
 
 class AlignmentError(InsNavError):
-    """Alignment cannot be done with this data; the text says why and what to do."""
+    """Alignment is impossible with this data; the text names the reason and the remedy."""
 
 
 class MovedError(AlignmentError):
-    """The base did not stay: the data so far is of no use."""
+    """The base moved off: the data so far is useless."""
 
 
 @dataclass(frozen=True)
@@ -64,17 +66,17 @@ class Alignment:
     gravity_ratio : float
         Measured specific force over normal gravity.
     rate_error : float
-        Horizontal rate found less that of the Earth at this latitude, rad/s: the north gyro's bias when all is well.
+        Estimated horizontal rate less that of the Earth at this latitude, rad/s: the north gyro's bias.
     gyro_noise, accel_noise : float
         White noise of an axis, rad/√s and m/s/√s.
     heading_noise : float
-        Sigma of heading without what the gyros' biases do to it, rad.
+        Sigma of heading without the contribution of the gyros' biases, rad.
     by_bias : ndarray, shape (3, 6)
-        Errors of attitude that errors of these biases make.
+        Jacobian of the attitude error by errors of these biases.
     joint : ndarray, shape (9, 9)
         Covariance of attitude and of the biases of gyros and accelerometers (computed less true, body axes; rad/s and
-        m/s²) together: level holds the accelerometers' biases, heading the east gyro's. A filter that goes on from
-        here must know, or it would take the same data for news once more.
+        m/s²) together: errors of level contain the accelerometers' biases, that of heading the east gyro's. A filter
+        that starts from this result needs the correlations.
     """
 
     q_gb: Quaternion
@@ -96,15 +98,15 @@ class Alignment:
 
 
 class CoarseAlignment:
-    """Gathers IMU samples and solves for attitude.
+    """Accumulates IMU samples and solves for attitude.
 
     Parameters
     ----------
     duration : float
         Intended length, s; sets the length of the blocks.
     gyro_bias_stddev, accel_bias_stddev : float
-        What a constant bias may be, rad/s and m/s². It cannot be seen here: the east gyro's goes straight into
-        heading, the accelerometers' into level. Added to the covariance.
+        Sigmas of a constant bias, rad/s and m/s². Biases are unobservable here: the east gyro's is an error of
+        heading, the accelerometers' of level. Added to the covariance.
     max_speed : float
         A base whose velocity, less what rocking explains, goes beyond this has moved off, m/s.
 
@@ -124,11 +126,11 @@ class CoarseAlignment:
 
     @property
     def time(self) -> float:
-        """Length of the data gathered, s."""
+        """Length of the accumulated data, s."""
         return self.cone.time
 
     def add(self, previous: Sample, sample: Sample, instantaneous: bool) -> None:
-        """Take one sample; ``previous`` is the one before, as in `ins_nav.mechanization.strapdown.step`.
+        """Add one sample; ``previous`` is the one before, as in `ins_nav.mechanization.strapdown.step`.
 
         Raises
         ------
@@ -141,7 +143,7 @@ class CoarseAlignment:
             self._check(self.cone.blocks())
 
     def _check(self, blocks: Blocks) -> None:
-        """Raise when this is not an IMU at rest or rocking."""
+        """Raise unless this is an IMU at rest or rocking."""
         size = float(np.linalg.norm(blocks.force[-1]))
         if len(blocks.time) == 1 and abs(size - 1.0) < 0.2:
             raise AlignmentError(
@@ -149,7 +151,7 @@ class CoarseAlignment:
             )
         if len(blocks.time) < _MIN_BLOCKS:
             return
-        speed = blocks.seeming_speed()
+        speed = blocks.apparent_speed()
         if speed > self._max_speed:
             if self._gyro_in_degrees(speed):
                 raise AlignmentError(_DEGREES)
@@ -159,11 +161,11 @@ class CoarseAlignment:
             )
 
     def _check_turning(self, gravity: float, normal: float) -> None:
-        """Raise when specific force has the right size, but the gyros do not carry its direction."""
+        """Raise when specific force has the right magnitude but its direction does not follow the gyros."""
         size = self.cone.mean_size()
         if abs(size - normal) > _GRAVITY_TOLERANCE or size - gravity < _GRAVITY_TOLERANCE:
             return
-        if self._gyro_in_degrees(self.cone.blocks().seeming_speed()):
+        if self._gyro_in_degrees(self.cone.blocks().apparent_speed()):
             raise AlignmentError(_DEGREES)
         raise AlignmentError(
             "angular velocity does not turn with the direction of specific force: "
@@ -171,10 +173,10 @@ class CoarseAlignment:
         )
 
     def _gyro_in_degrees(self, speed: float) -> bool:
-        """Whether the same data makes far better sense with the gyros' output taken as degrees per second."""
+        """Whether the same data is far more consistent with the gyros' output read as degrees per second."""
         if not self.cone.complete:
-            return False  # it agreed long enough with radians
-        return self.cone.in_degrees().seeming_speed() < 0.1 * speed
+            return False  # the data was consistent in radians for long enough
+        return self.cone.in_degrees().apparent_speed() < 0.1 * speed
 
     def solve(self, lat: float, height: float, heading: float | None = None, heading_stddev: float = 0.0) -> Alignment:
         """Attitude at the last sample.
@@ -184,12 +186,12 @@ class CoarseAlignment:
         lat, height : float
             Geodetic latitude, rad, and ellipsoidal height, m.
         heading, heading_stddev : float, optional
-            Known heading and its uncertainty, rad: only the level is found then.
+            Known heading and its sigma, rad: only level is estimated then.
 
         Raises
         ------
         AlignmentError
-            Too little data, a latitude too near the pole, specific force or rates that are not an IMU's.
+            Too little data, a latitude too near the pole, implausible specific force or rates.
         """
         if len(self.cone) < _MIN_BLOCKS:
             raise AlignmentError(
@@ -198,14 +200,14 @@ class CoarseAlignment:
             )
         blocks = self.cone.blocks()
         self._check(blocks)
-        mean_cone = cone_path(lat, blocks.time).mean(axis=0)  # the mean of directions is shorter than they are
+        mean_cone = cone_path(lat, blocks.time).mean(axis=0)  # the mean of unit vectors is shorter than 1
         gravity = float(np.linalg.norm(blocks.force.mean(axis=0)) / np.linalg.norm(mean_cone))
         normal = normal_gravity(math.sin(lat), height)
         if abs(gravity - normal) > _GRAVITY_TOLERANCE:
             self._check_turning(gravity, normal)
             raise AlignmentError(
                 f"mean specific force is {gravity:.3f} m/s², gravity here {normal:.3f}: check the unit of "
-                "linear_acceleration, and that gravity has not been taken out of it"
+                "linear_acceleration, and that gravity is not removed from it"
             )
         horizontal_rate = RATE * math.cos(lat)
         if heading is None and horizontal_rate < 0.01 * RATE:
@@ -229,11 +231,11 @@ class CoarseAlignment:
                 break
         fit = noise.fit(deviation[:, :2])
         found_rate = float(horizontal_rate + fit.slope[0])
-        # A noise as large as the rate makes the rate found too large: the mean of that and the true one is how the
-        # heading's sigma falls with it (the concentration of a direction under noise, von Mises')
+        # Noise as large as the rate makes the estimated rate too large: the heading's sigma falls with the geometric
+        # mean of it and the true one (the concentration of a direction under noise, von Mises')
         rate = math.sqrt(horizontal_rate * abs(found_rate)) if heading is None else math.inf
 
-        # Attitude now: the vertical where it is at the end, not where the fit had it at the start
+        # Attitude at the last sample: the vertical of the end, not that of the fit's start
         rot_g0b = (Rotation.from_quat(self.cone.q_b0b).inv() * Rotation.from_matrix(rot_b0g0)).inv()
         tilt = Rotation.from_rotvec([-fit.end[1], fit.end[0], 0.0]).inv()
         axis = np.array([0.0, math.cos(lat), math.sin(lat)])
@@ -253,10 +255,10 @@ class CoarseAlignment:
         by_bias = self._by_bias(rot_gb, gravity, lat, rate)
         white, walk = noise.sensor_noise(deviation[:, :2], limits)
         velocity, velocity_stddev = self._end_velocity(blocks, noise, deviation, fit, gravity, lat, rot_b0g0, limits)
-        yaw = turn - RATE * math.sin(lat) * self.cone.time  # since time 0, and to the heading given
+        yaw = turn - RATE * math.sin(lat) * self.cone.time  # since time 0, and to the given heading
         east, north, up = Rotation.from_rotvec([0.0, 0.0, yaw]).apply(velocity)
         turned = math.sqrt(covariance[2, 2]) * math.hypot(*velocity[:2])
-        mistaken = 0.5 * self.cone.time * gravity * excess  # an acceleration taken for tilt, and its velocity with it
+        mistaken = 0.5 * self.cone.time * gravity * excess  # an acceleration mistaken for tilt
         velocity_stddev = math.hypot(velocity_stddev, turned, mistaken)
         q = rot_gb.as_quat()
         return Alignment(
@@ -274,7 +276,7 @@ class CoarseAlignment:
         )
 
     def _by_bias(self, rot_gb: Rotation, gravity: float, lat: float, rate: float) -> NDArray[np.float64]:
-        """Errors of attitude that errors of the biases make, shape (3, 6)."""
+        """Jacobian of the attitude error by errors of the biases, shape (3, 6)."""
         turns = Rotation.from_quat(self.cone.q_b0b).inv() * Rotation.from_quat(self.cone.blocks().q_b0b)
         east, north, _ = rot_gb.as_matrix() @ turns.as_matrix().mean(axis=0)  # of the body, on average
         by_bias = np.zeros((3, 6))
@@ -288,9 +290,9 @@ class CoarseAlignment:
         """Covariance of attitude and biases together, shape (9, 9)."""
         biases = np.diag([self._gyro_bias_stddev**2] * 3 + [self._accel_bias_stddev**2] * 3)
         tilt, up = self._accel_bias_stddev / gravity, RATE * math.sin(lat)
-        told = np.diag([tilt**2, tilt**2, (self._gyro_bias_stddev**2 + (up * tilt) ** 2) / rate**2])
+        counted = np.diag([tilt**2, tilt**2, (self._gyro_bias_stddev**2 + (up * tilt) ** 2) / rate**2])
         joint = np.zeros((SOLUTION_SIZE, SOLUTION_SIZE))
-        joint[ATTITUDE, ATTITUDE] = attitude - told + by_bias @ biases @ by_bias.T
+        joint[ATTITUDE, ATTITUDE] = attitude - counted + by_bias @ biases @ by_bias.T
         joint[ATTITUDE, BIASES] = by_bias @ biases
         joint[BIASES, ATTITUDE] = joint[ATTITUDE, BIASES].T
         joint[BIASES, BIASES] = biases
@@ -305,9 +307,9 @@ class CoarseAlignment:
         return np.array([[level, 0.0, cross], [0.0, level, 0.0], [cross, 0.0, up]])
 
     def _excess(self, fit: TrendFit, horizontal_rate: float) -> float:
-        """Error of the level, rad, that a turning of gravity betrays which is neither the Earth's nor the gyros'.
+        """Error of the level, rad, implied by a rotation of gravity that is neither the Earth's nor the gyros'.
 
-        A slow surge in a short alignment looks so: there is no telling it from a level that drifts.
+        A slow surge in a short alignment causes it, and is indistinguishable from a level that drifts.
         """
         stddev = math.sqrt(fit.slope_variance + self._gyro_bias_stddev**2)
         error = float(np.hypot(*fit.slope)) - 2.0 * horizontal_rate  # the axes' azimuth is not that of the cone here
@@ -316,14 +318,14 @@ class CoarseAlignment:
     def _check_rate(
         self, fit: TrendFit, found: float, expected: float, lat: float, covariance: NDArray[np.float64]
     ) -> None:
-        """Refuse or widen heading when the rate of gravity's turning is not the Earth's."""
+        """Refuse heading, or increase its sigma, when the rate of gravity's rotation is not the Earth's."""
         degrees_per_hour = math.degrees(found) * 3600.0
         text = (
             f"gravity turns at {degrees_per_hour:.2f} °/h, the Earth at latitude {math.degrees(lat):.2f}° "
             f"at {math.degrees(expected) * 3600.0:.2f} °/h"
         )
         tolerance, in_degrees = _DEGREES_TOLERANCE * RATE, abs(math.radians(found) - expected)
-        if in_degrees < tolerance:  # all samples are asked about the vertical only then
+        if in_degrees < tolerance:  # the vertical rate needs all samples
             up_error = math.radians(self.cone.vertical_rate()) - RATE * math.sin(lat)
             in_degrees = math.hypot(in_degrees, up_error)
         if in_degrees < tolerance:
@@ -332,10 +334,10 @@ class CoarseAlignment:
         error = abs(found - expected)
         if found < 0.1 * expected and error > 3.0 * stddev:
             raise AlignmentError(
-                f"{text}: the gyros do not feel the Earth turn (a simulated IMU, a dead zone?): "
+                f"{text}: the gyros do not measure the Earth's rate (a simulated IMU, a dead zone?): "
                 "give initial.heading_deg"
             )
-        if error > 3.0 * stddev:  # a bias the parameters do not know of: the east gyro's is likely as large
+        if error > 3.0 * stddev:  # a bias beyond the parameters: the east gyro's is probably as large
             covariance[2, 2] += (error / found) ** 2
         if covariance[2, 2] > math.radians(30.0) ** 2:
             raise AlignmentError(
@@ -354,9 +356,9 @@ class CoarseAlignment:
         rot_b0g0: NDArray[np.float64],
         limits: NDArray[np.float64],
     ) -> tuple[NDArray[np.float64], float]:
-        """Velocity at the end of a base that surges and heaves but goes nowhere: east and north at time 0, up.
+        """Velocity at the end of a base that surges and heaves without travelling: east and north at time 0, up.
 
-        Also its standard deviation, but for the azimuth's.
+        Also its standard deviation, without the azimuth's part.
         """
         unit = gravity * blocks.length
         horizontal, variance = noise.velocity(deviation[:, :2], fit)
@@ -375,7 +377,7 @@ class CoarseAlignment:
 
 
 def _first_guess(blocks: Blocks) -> NDArray[np.float64]:
-    """``rot_b0g0``: columns east, north, up at time 0 on b0; east is where the specific force is going."""
+    """``rot_b0g0``: columns east, north, up at time 0 on b0; east is the direction of change of specific force."""
     start, slope = np.linalg.lstsq(trend_basis(blocks.time), blocks.force, rcond=None)[0]
     up = start / np.linalg.norm(start)
     east = slope - up * (up @ slope)
@@ -388,7 +390,7 @@ def _first_guess(blocks: Blocks) -> NDArray[np.float64]:
 def _deviation(blocks: Blocks, rot_b0g0: NDArray[np.float64], gravity: float, lat: float) -> NDArray[np.float64]:
     """Specific force over gravity less the vertical of its time: east, north at time 0, and along the vertical.
 
-    Heave acts along the vertical, which goes round the cone: it must not be taken for an east acceleration that grows.
+    Heave acts along the vertical, which describes the cone: it must not appear as an east acceleration that grows.
     """
     force = blocks.force @ rot_b0g0 / gravity
     vertical = cone_path(lat, blocks.time)

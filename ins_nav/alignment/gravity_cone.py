@@ -1,9 +1,9 @@
-"""Gathers specific force where gravity goes round its cone: on the body's axes of the first sample.
+"""Specific force in inertial space, where gravity describes a cone: on the body's axes of the first sample.
 
-The gyros carry the body's first attitude b0 through all its motion, so b0 stands still in inertial space. There
-the specific force of a base at rest on the Earth is gravity's reaction, going round a cone once a day. Its
-direction is the vertical; the way it moves is east ("cone alignment" of the alignment paper, reference [10] there).
-Rocking averages out, gravity does not.
+The gyros maintain the body's first attitude b0 through all its motion, so that b0 is fixed in inertial space. There
+the specific force of a base at rest on the Earth is gravity's reaction and describes a cone once a day. Its direction
+is the vertical, its motion is east ("cone alignment" of the alignment paper, reference [10] there). Rocking averages
+out, gravity does not.
 """
 
 import math
@@ -21,13 +21,13 @@ from ins_nav.mechanization.strapdown import Sample, increments
 Array = NDArray[np.float64]
 
 BLOCKS = 120
-"""Blocks in an alignment: enough to tell the noise processes apart, few enough for dense algebra in 0.1 s."""
+"""Blocks in an alignment: enough to separate the noise processes, few enough for dense algebra in 0.1 s."""
 MAX_SAMPLES = 100_000
-"""Samples kept to judge noise and units by: four minutes at 400 Hz, 30 MB."""
+"""Samples stored for the estimation of noise and units: four minutes at 400 Hz, 30 MB."""
 _NOISE_TIME = 60.0
-"""s of samples to judge noise by, at least: in 5 s at 20 Hz it is known to 10 % only."""
+"""s: least time of samples for the noise; 5 s at 20 Hz determine it to 10 % only."""
 _STRAIGHT_TIME = 600.0
-"""s: gravity's path bends away from its tangent later; the bend is 0.1 m/s of seeming velocity here."""
+"""s: later the curvature of gravity's path matters; here it amounts to 0.1 m/s of apparent velocity."""
 
 
 @dataclass(frozen=True)
@@ -52,8 +52,8 @@ class Blocks:
     length: float
     total: float
 
-    def seeming_speed(self) -> float:
-        """Largest velocity, m/s, of what the path of gravity does not explain."""
+    def apparent_speed(self) -> float:
+        """Largest velocity, m/s, of the specific force that the path of gravity does not explain."""
         basis = np.column_stack([np.ones_like(self.time), self.time])
         if self.total > _STRAIGHT_TIME:
             basis = np.column_stack([basis, 1.0 - np.cos(RATE * self.time)])
@@ -93,7 +93,7 @@ def _carry_block(
     samples: Array,
     instantaneous: bool,
 ) -> tuple[Quaternion, Vector, float, int, int]:
-    """`carry` up to the end of a block; how many samples that were, and how many of them are kept."""
+    """`carry` up to the end of a block; the numbers of samples used, and of those to store."""
     kept = count = 0
     while count < len(samples) and time - block_start < least_length:
         h, wx, wy, wz, fx, fy, fz = samples[count]
@@ -108,7 +108,7 @@ def _carry_block(
 
 
 class GravityCone:
-    """Carries attitude on b0 and averages specific force there.
+    """Propagates attitude on b0 and averages specific force there.
 
     Parameters
     ----------
@@ -148,7 +148,7 @@ class GravityCone:
 
     @property
     def complete(self) -> bool:
-        """Whether all samples of the intended length, and no others, are kept."""
+        """Whether all samples of the intended length, and no others, are stored."""
         return self.time <= 1.01 * self.duration and len(self._samples) < MAX_SAMPLES
 
     def add(self, previous: Sample, sample: Sample, instantaneous: bool) -> bool:
@@ -219,7 +219,7 @@ class GravityCone:
         return True
 
     def _join_blocks(self) -> None:
-        """Halve the number of blocks: an alignment that waits for a position keeps its memory and its time."""
+        """Halve the number of blocks, which bounds memory and time of an alignment that waits for a position."""
         pairs = np.array(self._blocks).reshape(BLOCKS, 2, 9)
         length = pairs[:, :, 1].sum(axis=1)
         joined = (pairs * pairs[:, :, 1:2]).sum(axis=1) / length[:, None]
@@ -234,12 +234,12 @@ class GravityCone:
         return Blocks(blocks[:, 0], blocks[:, 2:5], blocks[:, 5:], float(blocks[:, 1].mean()), self.time)
 
     def noise_limits(self, gravity: float, until: float = math.inf) -> Array:
-        """Most that the sensors' own white noise can be: variance of a block mean, and of the walk in a second.
+        """Upper limits of the sensors' white noise: variance of a block mean, and of the walk in a second.
 
-        By the samples up to ``until``, s from the start.
+        From the samples up to ``until``, s from the start.
 
-        Second differences of means over 1, 2, 4, ... samples show white noise with hardly any of the motion; motion
-        and quantization only add, so the least of them is nearest.
+        Second differences of means over 1, 2, 4, ... samples contain white noise and hardly any motion; motion and
+        quantization only add to it, so the least of them is the closest.
         """
         samples = np.array(self._samples)
         samples = samples[np.cumsum(samples[:, 0]) <= until]
@@ -250,7 +250,9 @@ class GravityCone:
             n = len(samples) // size
             means = samples[: n * size, 1:].reshape(n, size, 6).mean(axis=1)
             density.append((np.diff(means, 2, axis=0) ** 2).mean(axis=0) / 6.0 * size * interval)
-            penalty.append(1.0 + 4.0 / math.sqrt(n))  # two sigmas of such a mean square: the least is not the luckiest
+            penalty.append(
+                1.0 + 4.0 / math.sqrt(n)
+            )  # two sigmas of such a mean square: the least is not chosen by chance
             size *= 2
         least = np.argmin(np.array(density) * np.array(penalty)[:, None], axis=0)
         gyro, accel = np.array(density)[least, np.arange(6)].reshape(2, 3).mean(axis=1)
@@ -263,11 +265,11 @@ class GravityCone:
         return float(up @ [h @ wx, h @ wy, h @ wz] / (np.linalg.norm(up) * h.sum()))
 
     def mean_size(self) -> float:
-        """Mean size of specific force in the samples kept, m/s²."""
+        """Mean magnitude of specific force in the stored samples, m/s²."""
         return float(np.mean([math.hypot(*sample[4:7]) for sample in self._samples]))
 
     def in_degrees(self) -> Blocks:
-        """The blocks again, with the gyros' output taken as degrees per second."""
+        """The blocks with the gyros' output read as degrees per second."""
         assert self._first is not None
         trial = GravityCone(self.duration)
         first, instantaneous = self._first
@@ -279,7 +281,7 @@ class GravityCone:
 
 
 def _in_degrees(sample: Sample) -> Sample:
-    """The sample, its rates taken as degrees per second."""
+    """The sample with its rates read as degrees per second."""
     h, wx, wy, wz, fx, fy, fz = sample
     return h, math.radians(wx), math.radians(wy), math.radians(wz), fx, fy, fz
 

@@ -1,4 +1,4 @@
-"""From coarse alignment to the filter: the covariance of the first solution."""
+"""Covariance of the first solution, from coarse alignment to the filter."""
 
 import numpy as np
 
@@ -9,7 +9,7 @@ from ins_nav.estimation.state_layout import ATTITUDE, MOTION, POSITION, SENSED, 
 from ins_nav.mechanization.nav_state import NavState
 
 _LEAST_VELOCITY = 1e-3
-"""m/s: no velocity is known better after coarse alignment."""
+"""m/s: least sigma of velocity after coarse alignment."""
 
 
 def after_alignment(
@@ -23,11 +23,11 @@ def after_alignment(
     state : NavState
         The first solution.
     position_stddev : 3 floats
-        Of the place known, m.
+        Of the known position, m.
     lever_arm_g : 3 floats
-        From the IMU to that place, east, north, up, m: it turns with the error of attitude.
+        From the IMU to that position, east, north, up, m: it turns with the error of attitude.
     imu_errors : ImuErrors
-        Level and heading hold these errors as they hold the biases.
+        Errors of level and heading contain these errors as they contain the biases.
     """
     size = SOLUTION_SIZE + imu_errors.size
     covariance = np.zeros((size, size))
@@ -36,8 +36,8 @@ def after_alignment(
     covariance[SENSED, SENSED] = alignment.joint
     np.einsum("ii->i", covariance)[SOLUTION_SIZE:] = [s.stddev**2 for s in imu_errors.states]
     x, y, z = lever_arm_g
-    carried, held = np.eye(size), np.eye(size)
+    carried, correlated = np.eye(size), np.eye(size)
     carried[POSITION, ATTITUDE] = [[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]
-    held[ATTITUDE, SOLUTION_SIZE:] = alignment.by_bias @ imu_errors.columns(mean_reading(state, state, 1.0))
-    both = carried @ held
+    correlated[ATTITUDE, SOLUTION_SIZE:] = alignment.by_bias @ imu_errors.columns(mean_reading(state, state, 1.0))
+    both = carried @ correlated
     return both @ covariance @ both.T

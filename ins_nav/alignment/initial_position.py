@@ -1,4 +1,4 @@
-"""Where alignment takes place: as parameters say, by a satellite fix, or as it was remembered."""
+"""Position of alignment: by parameters, by a GNSS fix, or from the state file."""
 
 import math
 from typing import NamedTuple
@@ -9,13 +9,13 @@ from ins_nav.estimation.error_model import Vector
 from ins_nav.event_log import WARN, EventLog
 
 _ANY_HEIGHT = 1e3
-"""m: sigma of a height that nobody knows."""
+"""m: sigma of an unknown height."""
 _REMEMBERED = 10.0
-"""m: least sigma of a place that is only remembered."""
+"""m: least sigma of a position from the state file."""
 
 
 class Place(NamedTuple):
-    """A place with its uncertainty."""
+    """A position with its sigmas."""
 
     lat: float
     lon: float
@@ -25,17 +25,17 @@ class Place(NamedTuple):
     stddev: Vector
     """Two horizontal axes and up, m."""
     lever_arm: Vector = (0.0, 0.0, 0.0)
-    """From the IMU to what is there, base_link's axes, m."""
+    """From the IMU to that position, base_link's axes, m."""
 
 
 class InitialPosition:
-    """The place of alignment.
+    """The position of alignment.
 
     Parameters
     ----------
     initial : InitialSection
     last : Pose or None
-        What is remembered of the last start.
+        Last pose in the state file.
     events : EventLog
     """
 
@@ -51,22 +51,22 @@ class InitialPosition:
         self.begin()
 
     def begin(self) -> None:
-        """Before the first sample, and after a restart: what the parameters say."""
+        """Before the first sample, and after a restart: return to the parameters."""
         given = self._initial
         place = Place(given.latitude, given.longitude, given.height, (given.position_stddev,) * 3)
         self._known = None if math.isnan(given.latitude) else place
         self._wanted = self._known is None
 
     def put(self, place: Place) -> None:
-        """It is here, by another account."""
+        """Set the position from another source."""
         self._known = place
 
     def renew(self) -> None:
-        """It may have moved: a newer fix is better."""
+        """Use the next fix: the base may have moved."""
         self._wanted = True
 
     def observe(self, place: Place, topic: str, stamp_ns: int) -> None:
-        """A place that an aid measures while aligning: the first is used, unless parameters give one.
+        """A position that an aid measures during alignment: the first is used, unless parameters give one.
 
         Parameters
         ----------
@@ -85,12 +85,12 @@ class InitialPosition:
         self._known = place
 
     def found(self, stamp_ns: int) -> Place | None:
-        """The place, at the end of alignment; None, and told, where nobody knows."""
+        """The position at the end of alignment; None, with a report, where it is unknown."""
         if self._known is None and self._last is not None:
             last, stddev = self._last, max(_REMEMBERED, self._last.position_stddev)
             lat, lon = math.radians(last.latitude_deg), math.radians(last.longitude_deg)
             self._known = Place(lat, lon, last.height, (stddev,) * 3)
-            self._events.report(WARN, "no gnss/fix by the end of alignment: taken to be where state_file was saved")
+            self._events.report(WARN, "no gnss/fix by the end of alignment: the position in state_file is used")
         if self._known is None:
             self._events.count(
                 "waiting for position",

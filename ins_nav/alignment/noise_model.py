@@ -1,15 +1,15 @@
-"""A trend in coloured noise: level and slope of series of block means, with a covariance that is true.
+"""A trend in coloured noise: level and slope of series of block means, with a consistent covariance.
 
-The noise is not assumed but found: a sum of processes, whose parameters are fitted by restricted maximum likelihood, so
-that weights and covariance are those of the data at hand:
+The noise is identified from the data: a sum of processes, whose parameters are fitted by restricted maximum likelihood
+and determine weights and covariance:
 
 - white noise of the sensor,
 - random walk (attitude, from the gyros' white noise),
 - jolts: differences of something white that bursts (people moving, doors: velocity, where the series is acceleration),
-- waves: second differences of something white (surge and sway: position, which goes nowhere),
-- swell, where the data shows it: differences of a velocity whose spectrum is a band of Gaussian shape. It remembers
-  for longer than a block, a sinusoid for ever. Taken for white it would pass into level and slope unseen; known for
-  what it is, it is told from them.
+- waves: second differences of something white (surge and sway: position, which stays bounded),
+- swell, where the likelihood supports it: differences of a velocity whose spectrum is a band of Gaussian shape. It is
+  correlated for longer than a block, a sinusoid without limit. Modelled as white it would bias level and slope
+  without an effect on their sigmas.
 
 References
 ----------
@@ -38,43 +38,45 @@ _STUDENT_FREEDOM = 3.0
 """Degrees of freedom of the jolts' distribution: finite variance, heavy tails."""
 _EXPECTATION_ROUNDS = 4
 _STARTS = (np.array([0.5, 0.01, 0.29, 0.2]), np.array([1e-3, 1e-3, 1e-3, 0.997]))
-"""Shares of the variance from which the likelihood is climbed: a base at rest, a base on waves."""
+"""Shares of the variance at which maximization starts: a base at rest, a base on waves."""
 _SETTLED = 0.5
 """Largest change of the logarithm of a jolt's scale that needs no further round."""
 _SWELL_GAIN = 15.0
-"""Log-likelihood that swell must gain to be believed. Wilks' theorem asks for 8 (three parameters, 1 in 1000); many
+"""Gain of log-likelihood at which swell is accepted. Wilks' theorem requires 8 (three parameters, 1 in 1000); many
 frequencies are tried."""
 _SWELL_FREQUENCIES, _SWELL_BANDWIDTHS = 16, (0.02, 0.3)
-"""Where the climb may begin: how many frequencies, and shares of them."""
+"""Starts of the maximization: number of frequencies, and bandwidths as shares of them."""
 _NARROWER = np.array([1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.1])
-"""Where swell is climbed to again: one sea in 25 has a second maximum with a narrower band, which is greater."""
+"""Factors of a second start for swell: one sea in 25 has a second, greater maximum with a narrower band."""
 _QUIET = 1e-3
-"""Share of jolts and waves that swell is supposed to leave, there."""
+"""Share of jolts and waves that remain beside swell at the start."""
 _LOG_RANGE_SWELL = 12.0
-"""How far below its first variance that of swell is sought."""
+"""Lower bound of the variance of swell: logarithm below the starting value."""
 _LINE = 0.003
 """rad: a narrower band than this over the length of the data is a sinusoid."""
 _PARAMETER_STDDEV = 2.0
-"""Of the logarithm of a parameter that the data says nothing of."""
+"""Sigma of the logarithm of a parameter that the data does not determine."""
 _DOUBTFUL, _BISECTIONS = 2.0, 6
-"""Log-likelihood: a value that costs less may be true (95 % by Wilks' theorem); steps to find the greatest."""
+"""Log-likelihood: a value with a smaller loss is plausible (95 % by Wilks' theorem); steps to find the greatest."""
 _CONTRADICTION = 5.0
-"""Log-likelihood: the data contradicts a value that costs more (99 % by Wilks' theorem)."""
+"""Log-likelihood: the data contradicts a value with a greater loss (99 % by Wilks' theorem)."""
 _ACCEL_EXCESS = math.log(10.0)
-"""Accelerometers' noise over whole blocks may exceed what their white noise makes (1/f): logarithm, in variance."""
+"""Accelerometers' noise over whole blocks may exceed their white noise by this (1/f): logarithm, in variance."""
 _DAMPING, _LEAST_DAMPING, _FLAT = 0.1, 0.01, 0.01
-"""Of the climb to the greatest likelihood: first and least share by which its information is made to seem larger; what
-is added to the information, of parameters that hardly matter."""
+"""Of the maximization: first and least damping, as a share of the information; constant added to the information, for
+parameters that hardly matter."""
 _LONGEST, _STEPS = 3.0, 100
 """Greatest change of a logarithm in a step; most steps."""
 _RAISED = 4.0
-"""How far below the largest other share (logarithm) a climb begins that goes on from another: lower, nothing pulls."""
+"""Lower bound of a start that continues another (logarithm below the largest other share): lower, the gradient
+vanishes."""
 _TOLERANCE = 1e-4
-"""Log-likelihood: where a step would gain less, the climb ends."""
+"""Log-likelihood: the maximization ends where a step would gain less."""
 _LOG_RANGE_ROUNDING = 28.0
-"""How far below the variance of the swell's velocity white noise is sought: its differences are no more exact."""
+"""Lower bound of white noise: logarithm below the variance of the swell's velocity, whose differences are no more
+exact."""
 _LOG_RANGE_WHITE, _LOG_RANGE = 14.0, 25.0
-"""How far below the whole variance an intensity is sought."""
+"""Lower bound of an intensity: logarithm below the whole variance."""
 
 
 def trend_basis(time: Array) -> Array:
@@ -131,7 +133,7 @@ class TrendNoise:
     ) -> "TrendNoise":
         """Parameters from d series that share them, by restricted maximum likelihood ([1]_).
 
-        Jolts come in bursts (a door, a person sitting down): they are given the heavy tails of Student's
+        Jolts come in bursts (a door, a person sitting down) and have the heavy tails of Student's
         distribution, by expectation maximization over the scale of each ([2]_).
 
         Parameters
@@ -176,10 +178,10 @@ class TrendNoise:
         return cls(time, total, parameters, scale)
 
     def sensor_noise(self, series: Array, limits: Array) -> Array:
-        """Intensities of white noise and walk: the most, up to their limits, that the data does not contradict.
+        """Intensities of white noise and walk: the greatest, up to their limits, that the data does not contradict.
 
-        What vibration and quantization add to the sensors' fast noise does not grow as theirs does. ``series`` and
-        ``limits`` are those that the parameters are from; without a limit, that parameter itself is given.
+        The contribution of vibration and quantization to the sensors' fast noise does not grow as theirs does.
+        ``series`` and ``limits`` are those of the fit; without a limit, the parameter itself is returned.
         """
         likelihood = _Likelihood(self._time, series, self._jolt_scale)
         least, parameters = likelihood.greatest(self._parameters, limits)
@@ -244,7 +246,7 @@ class TrendNoise:
     def _by_parameters(self, weights: Array, series: Array) -> Array:
         """Covariance that slope and end have from the parameters' own errors ([4]_), shape (2, 2).
 
-        The band's shape is assumed. More samples than two a period tell its edges by that assumption only, not by
+        The band's shape is assumed. More samples than two a period determine its edges by that assumption only, not by
         what waves there were: they count for no more than two.
         """
         n, d = series.shape
@@ -374,7 +376,7 @@ class _Likelihood:
         return self._climb(np.clip(begin, low, high), low, high)
 
     def start_with_swell(self, parameters: Array) -> Array:
-        """Parameters to climb from, those given with swell: the best of a grid, shape (7,)."""
+        """Starting parameters, the given ones with swell: the best of a grid, shape (7,)."""
         quiet = np.log(parameters * [1.0, 1.0, _QUIET, _QUIET])
         n, span = len(self._time), self._time[-1] - self._time[0]
         highest = math.pi * n / span

@@ -338,7 +338,7 @@ def test_g_instead_of_metres() -> None:
 
 def test_gravity_removed() -> None:
     message = _refusal(_standing(), factors=np.r_[np.ones(4), np.zeros(3)])
-    assert "mean specific force is 0.000" in message and "gravity has not been taken out" in message
+    assert "mean specific force is 0.000" in message and "gravity is not removed" in message
 
 
 def test_gyros_on_other_axes() -> None:
@@ -361,7 +361,7 @@ def _mems(seed: int) -> Simulation:
 def test_simulated_gyros_that_do_not_feel_the_earth() -> None:
     for preset in ("perfect", "navigation"):
         message = _refusal(_standing(**{"imu.preset": preset}), factors=np.r_[1.0, np.zeros(3), np.ones(3)])
-        assert "the gyros do not feel the Earth turn" in message
+        assert "the gyros do not measure the Earth's rate" in message
 
 
 def test_short_data() -> None:

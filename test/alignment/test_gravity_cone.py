@@ -42,7 +42,7 @@ def test_the_vertical_stays_where_it_is_while_the_body_turns() -> None:
     assert blocks.force == pytest.approx(np.tile([0.0, 0.0, G], (111, 1)), abs=1e-4)
     assert cone.q_b0b[0] == pytest.approx(math.sin(0.5 * 0.3 * 10.0), abs=1e-9)
     assert cone.rest_time == pytest.approx(0.01) and cone.rest[2] == pytest.approx(0.01 * G, rel=1e-5)
-    assert blocks.seeming_speed() < 1e-4
+    assert blocks.apparent_speed() < 1e-4
 
 
 def test_a_longer_time_joins_blocks() -> None:
@@ -59,8 +59,8 @@ def test_rates_in_degrees() -> None:
     samples = _turning(0.3, 1000)
     samples[:, 1:4] = np.degrees(samples[:, 1:4])
     cone = _fed(samples)
-    assert cone.blocks().seeming_speed() > 1.0
-    assert cone.in_degrees().seeming_speed() < 1e-4
+    assert cone.blocks().apparent_speed() > 1.0
+    assert cone.in_degrees().apparent_speed() < 1e-4
     assert cone.vertical_rate() == pytest.approx(0.0, abs=1e-12)
     assert cone.mean_size() == pytest.approx(G)
 
@@ -100,7 +100,7 @@ def test_a_block_is_sample_after_sample(size: int, instantaneous: bool, seed: in
     for a, b in ((other.q_b0b, one.q_b0b), (other.rest, one.rest), (other.blocks().force, one.blocks().force)):
         np.testing.assert_allclose(a, b, rtol=1e-11, atol=1e-11)
     assert np.array_equal(other.noise_limits(G), one.noise_limits(G))
-    assert other.in_degrees().seeming_speed() == pytest.approx(one.in_degrees().seeming_speed(), rel=1e-9)
+    assert other.in_degrees().apparent_speed() == pytest.approx(one.in_degrees().apparent_speed(), rel=1e-9)
 
 
 def test_samples_kept_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -128,7 +128,7 @@ def test_a_start_takes_up_what_was_saved(tmp_path: Path) -> None:
     assert 10.0 <= math.sqrt(second.covariance[0, 0]) < 10.5
     said = [report.text for report in second.events.drain()]
     assert said[0].startswith(f"state_file {path}: imu.gyro_bias_deg_per_hour, ") and "as saved 2023-" in said[0]
-    assert "no gnss/fix by the end of alignment: taken to be where state_file was saved" in said
+    assert "no gnss/fix by the end of alignment: the position in state_file is used" in said
 
 
 def test_a_damaged_file_is_told_and_left_alone(tmp_path: Path) -> None:
