@@ -1,13 +1,13 @@
 """Error-state Kalman filter with feedback: covariance of the solution's errors, aids, gate.
 
-The mechanization runs on; between two states the filter propagates, an aid's measurement updates it, and
-`ErrorFilter.feed_back` takes the estimated errors out of the solution at once, so that the model stays linear::
+The filter propagates between two states of the mechanization, an aid's measurement updates it, and
+`ErrorFilter.feed_back` subtracts the estimated errors from the solution at once, so that the model stays linear::
 
     filter.propagate(before, after, duration)
     update = filter.update("gnss", stamp_ns, gnss.measure(filter.solution(state, rate, gyro_bias), *fix))
     state, gyro_bias, accel_bias = filter.feed_back(state, gyro_bias, accel_bias)
 
-Covariances for people: position and attitude on n as they are, velocity on body axes ``rot_bn P_vv rot_nb`` (see
+Covariances for output: position and attitude on n directly, velocity on body axes ``rot_bn P_vv rot_nb`` (see
 `ins_nav.estimation.error_model`).
 """
 
@@ -37,9 +37,9 @@ from ins_nav.mechanization.attitude import from_rotation_vector
 from ins_nav.mechanization.nav_state import NavState
 
 _SMALL = math.radians(3.0)
-"""A heading error of this size is an angle: the square, which the linear model leaves out, is 0.0014."""
+"""Up to this sigma heading error is an angle: its square, which the linear model neglects, is 0.0014."""
 _TRAVEL = 25.0
-"""Velocity squared over its variance, above which it is travel and tells of heading: 4e-6 by chance."""
+"""Squared velocity over its variance above which it is travel and observes heading: 4e-6 by chance."""
 _SURGE = 1.0
 """s: correlation time of velocity that is no travel: a tenth of the period of waves."""
 
@@ -55,9 +55,9 @@ class ErrorFilter:
     velocity_stddev : 3 floats
         m/s.
     attitude_covariance : ndarray, shape (3, 3)
-        Of the rotation vector on n, rad². Heading may be as uncertain as it likes.
+        Of the rotation vector on n, rad². The heading's sigma is not limited.
     aids : mapping of name to sequence of SlowState
-        The own states of aids that have any.
+        States of aids.
 
     Attributes
     ----------
@@ -106,18 +106,18 @@ class ErrorFilter:
         self._tracks: dict[str, Track] = {}
 
     def own(self, *aids: str) -> Array:
-        """The own states in use of aids, one after the other; of those that have none, none."""
+        """Values in use of the states of aids, one aid after the other; none for an aid without states."""
         columns = self.layout.columns(*aids)
         values: Array = self.values[columns] + self._start[columns - self.model.size]
         return values
 
     def own_covariance(self, *aids: str) -> Array:
-        """Their covariance."""
+        """Covariance of the states of aids."""
         columns = self.layout.columns(*aids)
         return self.p[np.ix_(columns, columns)]
 
     def own_stddev(self, *aids: str) -> Array:
-        """Their sigmas."""
+        """Sigmas of the states of aids."""
         return np.sqrt(self.own_covariance(*aids).diagonal())
 
     @property
@@ -131,8 +131,8 @@ class ErrorFilter:
     def travels(self, state: NavState) -> bool:
         """Whether the carrier moves by more than the velocity's error.
 
-        Only then does heading act through velocity. A base at rest, too, has a velocity on paper, and it must not
-        tell of heading.
+        Only then does heading act through velocity. The computed velocity of a base at rest is an error, and must not
+        observe heading.
         """
         (a, b), (_, c) = self.p[HORIZONTAL_VELOCITY, HORIZONTAL_VELOCITY].tolist()
         x, y = state[4:6]
@@ -141,15 +141,15 @@ class ErrorFilter:
 
     @property
     def turn(self) -> float:
-        """Mean square of a unit vector's change when the heading error is taken out."""
+        """Mean square of a unit vector's change by the correction of heading."""
         return float(self.p[HEADING, HEADING] + self.p[COSINE, COSINE] + self.x[COSINE] ** 2)
 
     def solution(self, state: NavState, rate: Vector, gyro_bias: Vector, stamp_ns: int = 0) -> Solution:
-        """What aids see, at the state's stamp; ``rate`` has the bias removed."""
+        """Input of the aids' measurement equations at the state's stamp; ``rate`` has the bias removed."""
         return Solution(state, rate, gyro_bias, self.travels(state), self.turn, self.p[POSITION, POSITION], stamp_ns)
 
     def propagate(self, before: NavState, after: NavState, duration: float) -> None:
-        """Carry the covariance from one state of the mechanization to the next.
+        """Propagate the covariance from one state of the mechanization to the next.
 
         Parameters
         ----------
@@ -161,7 +161,7 @@ class ErrorFilter:
         travels = self.travels(after)
         core = self.model.transition(before, after, duration, travels)
         half = self.model.noise(before, after, 0.5 * duration)
-        # what turns with heading and is not in the matrix: surge, or the error of travel
+        # turns with heading and is not in the matrix: surge, or the error of travel
         variance = self.p.diagonal()[HORIZONTAL_VELOCITY].sum()
         left = variance if travels else max(0.0, after[4] ** 2 + after[5] ** 2 - variance)
         np.einsum("ii->i", half)[HORIZONTAL_POSITION] += 0.5 * duration * _SURGE * self.turn * left
@@ -178,13 +178,13 @@ class ErrorFilter:
         self.x = core @ self.x
         if self.p[COSINE, COSINE] == 0.0 and self.p[HEADING, HEADING] > 4.0 * _SMALL**2:
             self._open_heading()
-        if self._relaxes:  # the value in use stays: what is true tends to the one at the start
+        if self._relaxes:  # the value in use stays, the true one tends to that of the start
             slow = self.model.slow_rows
             self.x[slow] += (1.0 - core.diagonal()[slow]) * self.values[slow]
             self.x[aids:] += self.values[aids:] - core[aids:, aids:] @ self.values[aids:]
 
     def disturb(self, attitude_stddev: float, velocity_stddev: float, position_stddev: float) -> None:
-        """The solution may be wrong by so much more, each axis: rad, m/s, m."""
+        """Add an error of unknown direction, sigma of each axis: rad, m/s, m."""
         more = np.zeros(len(self.x))
         more[POSITION], more[VELOCITY], more[ATTITUDE] = position_stddev, velocity_stddev, attitude_stddev
         if not self.model.vertical:
@@ -192,7 +192,7 @@ class ErrorFilter:
         self.p = self.p + np.diag(more**2)
 
     def _own_transition(self, duration: float) -> Array:
-        """Of the aids' states, shape (k, k)."""
+        """Transition matrix of the aids' states, shape (k, k)."""
         decay = np.exp(-duration * self._own_rate)
         phi: Array = np.diag(decay)
         for i, j in self._integrals:
@@ -203,18 +203,18 @@ class ErrorFilter:
     def update(
         self, aid: str, stamp_ns: int, measurement: Measurement, gate: float = GATE, patience: float = PATIENCE
     ) -> Update:
-        """Take a measurement of the present state.
+        """Update with a measurement of the present state.
 
-        Above the gate it is rejected. But when an aid had nothing accepted for its patience, and its last `AGREEING`
-        measurements, all rejected, agree with each other, then the filter is wrong, not the aid: the covariance of
-        what the aid measures (and of its rate of change, when that differs too) grows until the measurement fits.
-        Correlations stay as they were, so that a jump of position moves the position and nothing else. Reflected
-        satellite signals, too, agree with each other for half a minute: that is why patience is longer. After an
-        outage it is spent already. It is so, too, once what the aid measures has become far less certain, where the
-        row of rejected ones began just outside the gate: it is the filter then that has left.
+        A measurement above the gate is rejected. When the last `AGREEING` measurements of an aid were all rejected and
+        agree with each other, and no measurement was accepted for ``patience``, the filter is wrong, not the aid: the
+        covariance of the measured states (and of their rate of change, when that differs too) grows until the
+        measurement fits. Correlations are not scaled, so that a jump of position corrects position only. Reflected
+        satellite signals agree with each other for half a minute, so ``patience`` is longer; after an outage it has
+        expired already. The same applies once the sigma of the measured states has grown far, where the first rejected
+        measurement was just outside the gate: then the filter has diverged.
 
-        An aid that thinks too well of itself is told by the median of its normalized squares: its variance is taken
-        larger by that. Only those within the gate count: what is outside is no noise, but an outlier or a jump.
+        The variance of an aid whose normalized squares have too large a median is scaled by it. Only measurements
+        within the gate count: those outside are outliers or jumps, not noise.
 
         Parameters
         ----------
@@ -223,10 +223,9 @@ class ErrorFilter:
         stamp_ns : int
         measurement : Measurement
         gate : float
-            Probability with which a good measurement is rejected.
+            Probability of rejecting a consistent measurement.
         patience : float
-            s; 0 for one that is never believed against the filter, infinite for one that is only where the filter has
-            drifted.
+            s; 0: never accepted against the filter; infinite: only where the filter has diverged.
 
         Returns
         -------
@@ -258,26 +257,26 @@ class ErrorFilter:
         sigma = tuple(math.sqrt(v) for v in s.diagonal().tolist())
         ratio = square / limit(len(residual), gate)
         reason = ""
-        # without patience the gate is the only way back
-        goes_on = patience > 0.0 and track.goes_on(residual, r)
-        if goes_on or not ratio <= 1.0:  # above, or too large to be a number
+        # with patience 0 the gate alone decides
+        repeats = patience > 0.0 and track.repeats(residual, r)
+        if repeats or not ratio <= 1.0:  # above, or too large to be a number
             track = track.rejecting(stamp_ns, residual, ratio)
-            if not track.stands_alone(r, float(predicted.trace()), patience) or not self._widen(track, h, r, direct):
+            if not track.is_consistent(r, float(predicted.trace()), patience) or not self._widen(track, h, r, direct):
                 self._tracks = self._tracks | {aid: track}
-                reason = "says what those outside the gate have said" if ratio <= 1.0 else "outside the gate"
+                reason = "repeats rejected measurements" if ratio <= 1.0 else "outside the gate"
                 return Update(aid, stamp_ns, tuple(residual.tolist()), sigma, ratio, False, reason, factor)
             reason = f"after {len(track.rejected)} rejected that agree"
             ph = self.p @ h.T
             inverse = np.linalg.inv(h @ ph + r)
         else:
-            track = track.seen(plain, len(residual))
-        self._take(ph @ inverse, h, r, residual)
+            track = track.judged(plain, len(residual))
+        self._correct(ph @ inverse, h, r, residual)
         track = track.accepting(stamp_ns, float((h @ self.p @ h.T).trace()))
         self._tracks = self._tracks | {aid: track}
         return Update(aid, stamp_ns, tuple(residual.tolist()), sigma, ratio, True, reason, factor)
 
-    def _take(self, gain: Array, h: Array, r: Array, residual: Array) -> None:
-        """Joseph's form, which holds for any gain: that of states that are considered only is zero."""
+    def _correct(self, gain: Array, h: Array, r: Array, residual: Array) -> None:
+        """Joseph's form, valid for any gain: that of considered states is zero."""
         gain[self._considered] = 0.0
         self.x = self.x + gain @ residual
         left = -gain @ h
@@ -286,7 +285,7 @@ class ErrorFilter:
         self.p = 0.5 * (p + p.T)
 
     def _widen(self, track: Track, h: Array, r: Array, direct: slice) -> bool:
-        """Let the covariance grow until the last measurement fits; whether that is possible."""
+        """Increase the covariance until the last measurement fits; whether that is possible."""
         p = self.p.copy()
         if not _grow(p, direct, h[:, direct], track.rejected[-1][1], h @ p @ h.T + r):
             return False
@@ -298,9 +297,9 @@ class ErrorFilter:
         return True
 
     def feed_back(self, state: NavState, gyro_bias: Vector, accel_bias: Vector) -> tuple[NavState, Vector, Vector]:
-        """Take the estimated errors out of the solution; the estimate is zero afterwards.
+        """Subtract the estimated errors from the solution; the estimate is zero afterwards.
 
-        The covariance goes along to the corrected axes: exact for heading by any angle.
+        The covariance is transformed to the corrected axes: exact for any heading error.
 
         Parameters
         ----------
@@ -340,7 +339,7 @@ class ErrorFilter:
         return corrected
 
     def _open_heading(self) -> None:
-        """Heading is not known: its sine and cosine become two states, with the moments of a normal angle."""
+        """Model an unknown heading error by its sine and cosine, with the moments of a normal angle."""
         p = self.p.copy()
         variance = float(p[HEADING, HEADING])
         mean = math.exp(-0.5 * variance)
@@ -352,7 +351,7 @@ class ErrorFilter:
         self.x[COSINE] = 1.0 - mean
 
     def _join_heading(self) -> bool:
-        """Once heading is known, let its sine and cosine belong to one angle; whether it is known."""
+        """Once heading is known, constrain its sine and cosine to one angle; whether it is known."""
         c, s, length = _unit(self.x)
         across: Array = np.zeros(len(self.x))
         across[HEADING], across[COSINE] = c, s
@@ -363,7 +362,7 @@ class ErrorFilter:
         h[0, HEADING], h[0, COSINE] = s, -c
         r = np.array([[0.5 * variance**2]])
         ph = self.p @ h.T
-        self._take(ph / (h @ ph + r), h, r, np.array([1.0 - 0.5 * variance - length]))
+        self._correct(ph / (h @ ph + r), h, r, np.array([1.0 - 0.5 * variance - length]))
         return True
 
 

@@ -1,4 +1,4 @@
-"""Errors of the strapdown solution: what they are, how they grow, how a correction is applied.
+"""Errors of the strapdown solution: definition, dynamics, correction.
 
 Error state, computed less true, on the axes n of the computed solution (free azimuth, z up)::
 
@@ -16,12 +16,12 @@ Error state, computed less true, on the axes n of the computed solution (free az
 R is the turn by the tilt (phi_x, phi_y) after a turn about the vertical by the heading error gamma;
 ``phi_z = sin(gamma)`` and ``kappa = 1 - cos(gamma)``. Two facts follow:
 
-* Velocity error is taken on axes turned with the attitude error. Then specific force leaves the equations (its part
-  ``R rot_nb f`` is common to both): tilt acts through gravity alone, heading not at all. So nothing of how a base
-  surges or rocks has to be carried along, and an interval is described by the states at its ends. Velocity on body
+* Velocity error is defined on axes turned with the attitude error. Then specific force leaves the equations (its part
+  ``R rot_nb f`` is common to both): tilt acts through gravity alone, heading not at all. So surge and
+  rocking do not enter, and an interval is described by the states at its ends. Velocity on body
   axes is wrong by ``rot_bn dv``, whatever the heading error.
 * Sine and cosine of the heading error enter linearly, through Earth's rate and through travel. So any heading error,
-  180° too, is a linear problem ([3]_). Once heading is known to a few degrees, kappa is held at zero (variance zero)
+  180° too, is a linear problem ([3]_). Once heading is known to a few degrees, kappa is fixed at zero (variance zero)
   and phi_z is the angle: the usual linear model.
 
 With u Earth's rate, w = J v the transport rate, theta = J dp the turn from the true vertical to the computed, z up,
@@ -34,17 +34,17 @@ C = rot_nb, d the errors of the sensors, all on n::
                                                 - kappa u_horizontal
 
 Attitude is relative to the local vertical of the computed position (`strapdown.corrected`): a correction of position
-alone, however large, leaves level and heading alone.
+alone, however large, does not change level and heading.
 
 An optional block acts through the columns of the biases (`ins_nav.estimation.imu_error`), with the mean reading of the
-IMU between the two states, which these two give (`mean_reading`).
+IMU between the two states, computed from them (`mean_reading`).
 
 References
 ----------
 .. [1] Vavilova, Golovan, Kozlov, Papusha, fine alignment of an AUV's INS on a rocking base: the 7 states.
 .. [2] A. Barrau, S. Bonnabel, "The Invariant Extended Kalman Filter as a Stable Observer", IEEE Transactions on
        Automatic Control, 2017, vol. 62, no. 4: errors on turned axes have dynamics free of the trajectory.
-.. [3] B. M. Scherzinger, "Inertial RealtimeNavigator Error Models for Large Heading Uncertainty", IEEE PLANS, 1996.
+.. [3] B. M. Scherzinger, "Inertial Navigator Error Models for Large Heading Uncertainty", IEEE PLANS, 1996.
 """
 
 import math
@@ -116,7 +116,7 @@ class ErrorModel:
     slow_rows : ndarray of int
         Their indices.
     solution_rows : ndarray of int
-        Of all states but the cosine: those of a solution's covariance for people.
+        Of all states but the cosine: those of a solution's published covariance.
     """
 
     def __init__(
@@ -152,8 +152,8 @@ class ErrorModel:
     def transition(self, before: NavState, after: NavState, duration: float, travels: bool = True) -> Array:
         """Transition matrix from one state to a later one, shape (size, size).
 
-        Series to the second power of the rates at the mean of both ends. Nothing in it moves faster than the base
-        turns: what rocking, 5° with 5 s, does within 0.1 s changes the columns of the biases by 1e-5.
+        Series to the second power of the rates at the mean of both ends. Nothing in it changes faster than the base
+        turns: rocking by 5° in 5 s changes the columns of the biases by 1e-5 within 0.1 s.
 
         Parameters
         ----------
@@ -161,7 +161,7 @@ class ErrorModel:
         duration : float
             s; 0.1 is good, and 0.5 where the body turns by less than 0.1 rad in it.
         travels : bool
-            The velocity is one; otherwise it is an error of the solution, and heading does not act through it
+            The carrier travels; otherwise velocity is an error of the solution, and heading does not act through it
             (`ErrorFilter`).
         """
         rates = _rates(before, after, self.vertical, travels)
@@ -177,7 +177,7 @@ class ErrorModel:
         return phi
 
     def noise(self, before: NavState, after: NavState, duration: float) -> Array:
-        """Covariance of what the noises add within the interval, all at its middle, shape (size, size)."""
+        """Covariance of the process noise over the interval, applied at its middle, shape (size, size)."""
         x, y, z = (0.5 * (a + b) for a, b in zip(before[4:7], after[4:7], strict=True))
         # the turn of the velocity error's axes: gyro noise enters it as v x noise
         lever = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
@@ -194,9 +194,9 @@ class ErrorModel:
     def apply(
         self, x: Array, state: NavState, gyro_bias: Vector, accel_bias: Vector
     ) -> tuple[NavState, Vector, Vector]:
-        """Take the errors ``x`` out of a solution.
+        """Subtract the errors ``x`` from a solution.
 
-        Position goes by ``-dp``, attitude becomes ``R' rot_nb``, velocity ``R' (v - dv)`` (R' is R transposed), each
+        Position changes by ``-dp``, attitude becomes ``R' rot_nb``, velocity ``R' (v - dv)`` (R' is R transposed), each
         bias loses its error. Rotations are finite.
 
         Parameters

@@ -6,7 +6,7 @@ its own in `ins_nav.estimation.states`; `ImuErrors` are those of one filter. The
     reading = true + bias + C(true) x
 
 with x the states of all blocks and C their columns, linear in the reading. An error of x acts like an error
-``C(reading) dx`` of the biases; that gives its part in the dynamics, whatever it is. A block in use has as many rows as
+``C(reading) dx`` of the biases; this determines its part in the dynamics. A block in use has as many rows as
 it has components; one whose prior is zero has none.
 
 A considered block (Schmidt [1]_) is not estimated: its covariance and its correlations are propagated and enter the
@@ -46,9 +46,9 @@ class ImuError(Section):
     components : tuple of str
         Names of its states.
     stddev : float
-        Prior of each; 0: there is no such error.
+        Prior sigma of each; 0: no such error.
     considered : bool
-        It is not estimated.
+        Considered, not estimated.
     """
 
     block: ClassVar[str]
@@ -58,11 +58,11 @@ class ImuError(Section):
 
     @property
     def state(self) -> SlowState:
-        """Prior and process noise of each component: a constant, unless a subclass says otherwise."""
+        """Prior and process noise of each component: a constant, unless a subclass overrides it."""
         return SlowState(self.stddev)
 
     def columns(self, reading: Array) -> Array:
-        """What a unit of each component adds to the reading, shape (6, k).
+        """Change of the reading by a unit of each component, shape (6, k).
 
         Parameters
         ----------
@@ -80,7 +80,7 @@ class ImuErrors:
     errors : sequence of ImuError
         Those without prior and process noise are left out.
     mounting : ndarray, shape (3, 3), optional
-        Takes vectors from the IMU's axes to the body's; default: they are the same.
+        From the IMU's axes to the body's; default: identity.
 
     Attributes
     ----------
@@ -103,7 +103,7 @@ class ImuErrors:
         self.considered = np.array([error.considered for error in self._errors for _ in error.components], bool)
         by_unit: Array = np.array([self.columns(unit) for unit in np.eye(READING)])
         self._matrices: Array = by_unit.transpose(2, 1, 0)
-        """Of each state, what takes a reading to that which a unit of the state adds to it."""
+        """Of each state: matrix from a reading to its change by a unit of the state."""
 
     def columns(self, reading: Array) -> Array:
         """What a unit of each state adds to a reading, both on the body's axes, shape (6, size)."""

@@ -1,8 +1,8 @@
-"""What an aid's measurements have been like: which are believed, and how far.
+"""Innovation gate: consistency of an aid's measurements with the filter and with each other.
 
-A good measurement is within the gate: its normalized square is below what chance exceeds rarely. Of those outside,
-`Track` tells single outliers from an aid that has something to say against the filter, and it learns how much more
-noise there is than an aid admits.
+A measurement within the gate has a normalized squared innovation below a chi-square limit. For those outside, `Track`
+distinguishes outliers from a series that contradicts the filter consistently; it also estimates by how much an aid's
+noise exceeds the given variance.
 """
 
 import functools
@@ -16,45 +16,45 @@ from scipy.stats import chi2
 Array = NDArray[np.float64]
 
 GATE = 1e-4
-"""Probability with which a good measurement is rejected."""
+"""Probability of rejecting a consistent measurement."""
 PATIENCE = 60.0
-"""s without an accepted measurement of an aid, after which its agreement with itself counts for more than the gate."""
+"""s without an accepted measurement of an aid, after which a consistent series overrides the gate."""
 AGREEING = 8
-"""Rejected measurements in a row that must agree with each other then."""
+"""Rejected measurements in a row that form such a series."""
 
 _GROWN = 5.0
-"""So many times its sigma of before, what an aid measures is not known any more: patience has an end then, too."""
-_SEEN = 15, 41
-"""Measurements of an aid, at least and at most, by which its noise is judged."""
+"""Growth of the sigma of the measured states after which a consistent series overrides the gate without time-out."""
+_JUDGED = 15, 41
+"""Least and greatest number of measurements for the estimate of an aid's noise."""
 _FAR = 4.0
-"""A test ratio above it is a jump, not a filter that has left: twice as far as the gate is wide."""
+"""A greater test ratio is a jump, not a filter that diverges: twice the width of the gate."""
 _EXCESS = 4.0
-"""Sigmas of a median: by less than that an aid's noise may exceed what it says by chance."""
+"""Sigmas of the median within which the excess of an aid's noise is chance."""
 _LONG_NS = 2**62
-"""ns: longer than anybody waits."""
+"""ns: longer than any time-out."""
 
 
 class Track(NamedTuple):
-    """History of an aid; what is added makes another.
+    """History of an aid's measurements; immutable.
 
-    A row of `AGREEING` rejected measurements that lie on a straight line is believed
+    A series of `AGREEING` rejected measurements on a straight line overrides the gate
 
-    - when it began near the gate (the filter has drifted), as soon as the filter has become unsure, or after patience;
-    - when it began far away (one of the two has jumped), after patience only; and until then not at all, even if the
-      filter becomes so unsure that it lies within the gate.
+    - when it began near the gate (the filter diverges), once the filter's sigma has grown, or after the time-out;
+    - when it began far away (one of the two has jumped), after the time-out only; until then its continuation is
+      rejected even within the gate, which widens with the filter's sigma.
 
     Attributes
     ----------
     accepted_ns : int or None
-        Stamp of the last measurement accepted; None: none was.
+        Stamp of the last accepted measurement; None: there was none.
     rejected : tuple of (stamp, innovation)
-        The last few rejected since.
+        The last few rejected ones since.
     variance : float
-        Predicted, of what it measures (its trace), when one was last accepted.
+        Predicted variance of the measured states (trace) at the last accepted one.
     drifts : bool
-        They began with one just outside the gate: no jump, but a filter that has lost its way.
+        The series began just outside the gate: the filter diverges, no jump.
     squares : tuple of float
-        Normalized squares of the last innovations a degree of freedom, over the median that they should have.
+        Normalized squares of the last innovations over the expected median.
     """
 
     accepted_ns: int | None = None
@@ -64,29 +64,29 @@ class Track(NamedTuple):
     squares: tuple[float, ...] = ()
 
     def noise_factor(self, size: int) -> float:
-        """By how much an aid's variance is larger than it says; 1 where that may be chance."""
-        if len(self.squares) < _SEEN[0]:
+        """Estimated variance of an aid's noise over the given one; 1 where the excess may be chance."""
+        if len(self.squares) < _JUDGED[0]:
             return 1.0
         ratio = sorted(self.squares)[len(self.squares) // 2]
         return ratio if ratio > 1.0 + _EXCESS * _median_stddev(size, len(self.squares)) else 1.0
 
-    def seen(self, square: float, size: int) -> "Track":
-        """One more normalized square, of an innovation of that size, by which noise is judged."""
-        return self._replace(squares=(*self.squares, square / median(size))[-_SEEN[1] :])
+    def judged(self, square: float, size: int) -> "Track":
+        """With the normalized square of one more innovation of that size."""
+        return self._replace(squares=(*self.squares, square / median(size))[-_JUDGED[1] :])
 
     def rejecting(self, stamp_ns: int, innovation: Array, ratio: float) -> "Track":
-        """One more rejected, with its test ratio."""
+        """With one more rejected measurement and its test ratio."""
         drifts = self.drifts if self.rejected else ratio < _FAR
         return self._replace(rejected=(*self.rejected, (stamp_ns, innovation))[-AGREEING:], drifts=drifts)
 
     def accepting(self, stamp_ns: int, variance: float) -> "Track":
-        """One accepted, after which what it measures is that certain."""
+        """With one accepted measurement, after which the measured states have that variance."""
         return Track(stamp_ns, (), variance, False, self.squares)
 
-    def goes_on(self, innovation: Array, r: Array) -> bool:
-        """Whether a measurement says what a row of rejected ones has said, far from the filter at once.
+    def repeats(self, innovation: Array, r: Array) -> bool:
+        """Whether a measurement repeats a series of rejected ones that began with a jump.
 
-        Such a one does not become right because the filter is less certain meanwhile.
+        The growth of the filter's sigma does not make such a measurement acceptable.
         """
         if self.drifts or not self._is_row(len(innovation)):
             return False
@@ -95,17 +95,17 @@ class Track(NamedTuple):
         square = float(away @ np.linalg.solve((1.0 + 1.0 / count) * r, away))
         return square < limit(len(innovation), GATE)
 
-    def stands_alone(self, r: Array, variance: float, patience: float) -> bool:
-        """Whether an aid was out for its patience, and what it says lies on a straight line.
+    def is_consistent(self, r: Array, variance: float, patience: float) -> bool:
+        """Whether the time-out has expired and the rejected measurements lie on a straight line.
 
         Parameters
         ----------
         r : ndarray, shape (m, m)
             Covariance of its noise.
         variance : float
-            Predicted at present, of what it measures (its trace).
+            Predicted variance of the measured states (trace).
         patience : float
-            s; 0: never; infinite: never, where one of the two has jumped.
+            s, the time-out; 0: never; infinite: only where the filter diverges.
         """
         if patience <= 0.0 or not self._is_row(len(r)):
             return False
@@ -117,7 +117,7 @@ class Track(NamedTuple):
         _, _, scatter = line(self.rejected)
         inverse = np.linalg.inv(r)
         jump = float(np.einsum("ij,jk,ik->", values, inverse, values)) / values.size
-        # three sigma, and for those who think too well of themselves a tenth of the jump
+        # three sigma, or a tenth of the jump for an aid with too small a variance
         return float(np.einsum("ij,jk,ik->", scatter, inverse, scatter)) / values.size < max(9.0, 0.01 * jump)
 
     def _is_row(self, size: int) -> bool:
@@ -126,24 +126,24 @@ class Track(NamedTuple):
 
 @functools.cache
 def limit(size: int, probability: float) -> float:
-    """Chi-square that is exceeded with the probability."""
+    """Quantile of chi-square that is exceeded with the probability."""
     return float(chi2.isf(probability, size))
 
 
 @functools.cache
 def median(size: int) -> float:
-    """Of chi-square."""
+    """Median of chi-square."""
     return float(chi2.median(size))
 
 
 @functools.cache
 def _median_stddev(size: int, count: int) -> float:
-    """Of the median of so many chi-squares over what it should be, by the density there."""
+    """Relative sigma of the median of so many chi-square variables, by the density at the median."""
     return float(1.0 / (2.0 * chi2.pdf(median(size), size) * median(size) * math.sqrt(count)))
 
 
 def line(points: tuple[tuple[int, Array], ...]) -> tuple[Array, float, Array]:
-    """Straight line through measurements: its slope a second, variance of that for unit noise, deviations from it."""
+    """Straight line through measurements: slope per second, its variance for unit noise, deviations from the line."""
     time = np.array([(stamp - points[0][0]) * 1e-9 for stamp, _ in points])
     values = np.array([z for _, z in points])
     time -= time.mean()

@@ -1,4 +1,4 @@
-"""What passes between aids and the filter: the solution they see, their measurement, what became of it."""
+"""Data between aids and the filter: solution, measurement, and the record of an update."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -15,7 +15,7 @@ _EXACT = np.zeros((3, 3))
 
 
 class Measurement(NamedTuple):
-    """What an aid says: ``innovation = h x + own x_own + noise``, computed less measured."""
+    """Measurement of an aid: ``innovation = h x + own x_own + noise``, computed less measured."""
 
     innovation: Array
     """(m,)."""
@@ -24,15 +24,15 @@ class Measurement(NamedTuple):
     r: Array
     """(m, m), covariance of the noise."""
     direct: slice | None
-    """States it measures as such: they give way when the aid is right and the filter is not; None: the aid's own."""
+    """States measured directly, whose covariance grows when the aid overrides the filter; None: the aid's states."""
     own: Array | None = None
-    """(m, k): columns of the aid's own states, then of those of others, in the order of ``shares``."""
+    """(m, k): columns of the aid's states, then of those of other aids, in the order of ``shares``."""
     shares: tuple[str, ...] = ()
-    """Other aids on whose states it depends, too."""
+    """Other aids whose states it depends on."""
 
 
 class Solution(NamedTuple):
-    """What aids see of the solution."""
+    """The solution as input of measurement equations."""
 
     state: NavState
     rate: Vector
@@ -50,17 +50,17 @@ class Solution(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Update:
-    """What became of a measurement."""
+    """Record of a measurement: its innovation and the result of the gate."""
 
     aid: str
     stamp_ns: int
     innovation: tuple[float, ...]
     sigma: tuple[float, ...]
-    """Standard deviation of the innovation, as predicted."""
+    """Predicted standard deviation of the innovation."""
     test_ratio: float
-    """Its normalized square over the limit of the gate: rejected above 1."""
+    """Normalized squared innovation over the limit of the gate: rejected above 1."""
     accepted: bool
     reason: str
-    """Why it was rejected, or accepted although above the gate; empty otherwise."""
+    """Reason of a rejection, or of an acceptance above the gate; empty otherwise."""
     noise_factor: float = 1.0
-    """By which the variance of its noise was taken larger than it says."""
+    """Variance of its noise in use over the given one."""

@@ -11,7 +11,7 @@ class SlowState:
     Attributes
     ----------
     stddev : float
-        At the start; 0 with ``walk`` 0 leaves the state out.
+        At the start; 0 together with ``walk`` 0 omits the state.
     walk : float
         Intensity of its random walk, unit / √s.
     correlation_time : float
@@ -20,7 +20,7 @@ class SlowState:
     value : float
         At the start, of an aid's state.
     derivative : int
-        How many places further on among the aid's states its derivative is; 0: it has none.
+        Offset of its derivative among the aid's states; 0: none.
     """
 
     stddev: float = 0.0

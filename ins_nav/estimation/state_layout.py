@@ -1,7 +1,7 @@
-"""Layout of the error state: named blocks. Nothing else knows the index of a state.
+"""Layout of the error state: named blocks. No other module contains the index of a state.
 
-The states that every filter has come first, in the order of the constants below (`ins_nav.estimation.error_model`
-defines them); a solution's covariance for people has the same order without the heading's cosine, heading as an angle.
+The states common to all filters come first, in the order of the constants below (`ins_nav.estimation.error_model`
+defines them); a solution's published covariance has the same order without the heading's cosine, heading as an angle.
 Optional blocks follow, then the states of aids (`StateLayout`). A block that is not in use has no rows.
 """
 
@@ -30,7 +30,7 @@ COSINE = 15
 """One less the cosine of the heading error."""
 
 NAVIGATION = slice(0, 9)
-"""Position, velocity and attitude: what the mechanization integrates."""
+"""Position, velocity and attitude: the states of the mechanization."""
 MOTION = slice(0, 6)
 """Position and velocity."""
 BIASES = slice(9, 15)
@@ -42,11 +42,11 @@ SOLUTION_SIZE = 15
 POSE = np.array([0, 1, 2, 6, 7, 8])
 """Position and attitude, in the order of a pose's covariance in ROS."""
 SIZE = 16
-"""States that every filter has."""
+"""States common to all filters."""
 
 
 class StateLayout:
-    """The error state of one filter: the states that every filter has, then further blocks.
+    """The error state of one filter: the states common to all filters, then further blocks.
 
     Parameters
     ----------
@@ -74,6 +74,6 @@ class StateLayout:
         return self._blocks[name]
 
     def columns(self, *names: str) -> NDArray[np.intp]:
-        """Indices of the states of further blocks, one block after the other; of those that are not there, none."""
+        """Indices of the states of further blocks, one block after the other; absent blocks are skipped."""
         found = [range(*self._blocks[name].indices(self.size)) for name in names if name in self._blocks]
         return np.array([i for block in found for i in block], np.intp)
