@@ -72,6 +72,7 @@ def _bound(duration: float, lat: float) -> float:
     return math.sqrt(slope_variance) / (earth.RATE * math.cos(lat))
 
 
+@pytest.mark.slow
 def test_errors_are_what_theory_allows_and_sigmas_tell_them() -> None:
     """Roll and pitch of 5°, 11 s, 120 s, white noise: of 600 runs, RMS 0.99 of the bound, 599 within 3 sigma."""
     s = _rocking()

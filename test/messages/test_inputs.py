@@ -130,6 +130,7 @@ def test_frames_of_the_covariances_far_from_the_origin() -> None:
     assert direction_m @ pose[3:, 3:] @ direction_m == pytest.approx(1e-2, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_no_change_is_missed_at_a_low_rate(bag: Path, tmp_path: Path) -> None:
     """Covariances and biases go out with the next solution, whichever sample brought the change."""
     out = tmp_path / "out"

@@ -21,6 +21,8 @@ from ins_nav.navigator.delayed import DelayedNavigator
 from ins_nav.navigator.realtime import Phase, RealtimeNavigator
 from ins_nav.simulation.scenarios import Simulation, simulate
 
+pytestmark = pytest.mark.slow
+
 NS = 10**9
 CONFIG = Path(__file__).resolve().parents[2] / "config" / "auv.yaml"
 # the noises of the IMU are densities: its rate does not matter to what is looked at here
