@@ -226,17 +226,3 @@ def test_transform_is_published_before_the_odometry(tmp_path: Path) -> None:
     names = ["imu/bias:base_link", "/tf:map", "odometry:map", "imu/data:base_link", "fix:base_link"]
     assert [name for name, _, _ in published] == names
     assert {stamp for _, _, stamp in published} == {"5.020000000"}  # after 250 intervals
-
-
-def test_silence_of_the_imu_is_an_error_in_diagnostics(drive: Path, tmp_path: Path) -> None:
-    with Ros(tmp_path) as ros:
-        ins, listener = node_and_listener(ros, DURATION)
-        play(ros, drive, "--rate", "10")
-
-        def status() -> tuple[bytes | int, str]:
-            last = listener.messages("/diagnostics")[-1].message.status[0]
-            return last.level, last.message
-
-        listener.wait_for(lambda: "no messages on imu/data_raw for" in status()[1])
-        assert status()[0] == 2
-        assert ins.stop() == 0

@@ -324,16 +324,3 @@ def test_killed_detector_is_started_again(chain: Path, tmp_path: Path) -> None:
     found, true = (of[last].pose.pose.position for of in (solution, truth))
     # heading to 0.1° over a turn of 30 m before it was calibrated, velocity to 5 mm/s for 9 s
     assert math.hypot(found.x - true.x, found.y - true.y) < 0.2
-
-
-def test_ins_system_ends_by_sigint_and_tells_errors_in_a_line(tmp_path: Path) -> None:
-    with Ros(tmp_path) as ros:
-        system = start(ros, "ins_system")
-        wrong = ros.start("ins_nav.nodes.ins_system", *parameters("alignment.durration:=30"))
-        asked = ros.start("ins_nav.nodes.ins_system", "--help")
-        assert asked.wait() == 0 and asked.stdout.startswith("usage: ins_system [--ros-args")
-        assert wrong.wait() == 1
-        sentence = "ins_system: unknown parameter alignment.durration: did you mean alignment.duration?"
-        assert [line for line in wrong.stderr.splitlines() if line] == [sentence]
-        system.interrupt()
-        assert system.wait() == 0 and "Traceback" not in system.stderr
