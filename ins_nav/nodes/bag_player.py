@@ -40,15 +40,15 @@ from ins_nav.recordings.bags import BagReader, DamagedBagError, suggestion
 _GLOBAL_TOPICS = ("/tf", "/tf_static", "/clock", "/rosout", "/parameter_events", "/diagnostics")
 _DEPTH = 1000  # 2.5 s at 400 Hz: no burst is lost on a reader that is slow for a moment
 _STABLE = 3.5  # s without a further match: an announcement that was lost is repeated after 3 s
-_TELL_WAIT = 2.0  # s without any subscriber: longer than discovery usually takes
-_LATE = 0.5  # s behind the schedule worth a word
+_REPORT_WAIT = 2.0  # s without a subscriber before a message: longer than discovery usually takes
+_LATE = 0.5  # s behind the schedule at which a warning is due
 _ACKNOWLEDGE = 5.0  # s for reliable readers to acknowledge the last messages
 _LINGER = 0.2  # s between the last message and the end: best-effort readers cannot acknowledge
 _LONGEST_SLEEP = 0.05  # s, how soon a signal, a service or the clock's end is noticed
 
 
 class Schedule:
-    """Which bag time it is: follows the wall clock at a rate, stands still while paused. Thread safe.
+    """Bag time: follows the wall clock at a rate, stops while paused. Thread safe.
 
     Parameters
     ----------
@@ -80,14 +80,14 @@ class Schedule:
                 self._paused_at = self._wall()
 
     def resume(self) -> None:
-        """Let bag time run on from where it stands."""
+        """Continue bag time."""
         with self._lock:
             if self._paused_at is not None:
                 self._began += self._wall() - self._paused_at
                 self._paused_at = None
 
     def restart(self) -> None:
-        """Back to the start; a pause goes on."""
+        """Return to the start; a pause continues."""
         with self._lock:
             self._began = self._wall()
             self._paused_at = self._began if self._paused_at is not None else None
@@ -122,7 +122,7 @@ class Player(Node):
         self._start_ns = bag.start_ns + round(options.start_offset * 1e9)
         self._loop = options.loop
         self._stopping = False
-        self._told_late = False
+        self._reported_late = False
         self._outputs: dict[str, Any] = {}
         self.published: Counter[str] = Counter()
         self.skipped: dict[str, str] = {}
@@ -142,7 +142,7 @@ class Player(Node):
             self.create_timer(1.0 / options.clock, self._publish_clock, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def stop(self) -> None:
-        """Make `play` and the waits end soon."""
+        """End `play` and the waits."""
         self._stopping = True
 
     def toggle_paused(self) -> None:
@@ -153,24 +153,24 @@ class Player(Node):
             self.schedule.pause()
 
     def wait_for_subscribers(self, seconds: float | None) -> None:
-        """Until a played topic has a subscriber and no more join, at most so many seconds (None: no limit)."""
+        """Wait until a played topic has a subscriber and no other joins, at most so many seconds (None: no limit)."""
         end = math.inf if seconds is None else time.monotonic() + seconds
-        seen, since, told = 0, time.monotonic(), False
+        subscribers, since, reported = 0, time.monotonic(), False
         while not self._stopping and time.monotonic() < end:
             matches = sum(output.get_subscription_count() for output in self._outputs.values())
             now = time.monotonic()
-            if matches != seen:
-                seen, since = matches, now
-            elif seen and now - since >= _STABLE:
+            if matches != subscribers:
+                subscribers, since = matches, now
+            elif subscribers and now - since >= _STABLE:
                 return
-            elif not seen and not told and now - since > _TELL_WAIT:
+            elif not subscribers and not reported and now - since > _REPORT_WAIT:
                 names = ", ".join(output.topic_name for output in self._outputs.values())
                 _say(f"waiting for a subscriber to {names} (--wait-for-subscribers 0: play at once)")
-                told = True
+                reported = True
             time.sleep(_LONGEST_SLEEP)
 
     def play(self, idle: Callable[[float], None], progress: Callable[[int], None]) -> None:
-        """Publish every message when it is due; idle(seconds) waits, progress(ns) hears the bag time.
+        """Publish every message when it is due; idle(seconds) waits, progress(ns) receives the bag time.
 
         Raises
         ------
@@ -184,7 +184,7 @@ class Player(Node):
                 return
 
     def finish(self) -> None:
-        """Give the last messages time to arrive."""
+        """Wait for the arrival of the last messages."""
         end = time.monotonic() + _ACKNOWLEDGE
         for topic, output in self._outputs.items():
             while not self._stopping and not output.wait_for_all_acked(Duration(seconds=_LONGEST_SLEEP)):
@@ -201,9 +201,9 @@ class Player(Node):
                 idle(min(delay, _LONGEST_SLEEP))
             if self._stopping:
                 return
-            if delay < -_LATE and not self._told_late:
-                self._told_late = True
-                _say(f"cannot keep the pace: {-delay:.1f} s behind; goes on without skipping a message")
+            if delay < -_LATE and not self._reported_late:
+                self._reported_late = True
+                _say(f"cannot keep the pace: {-delay:.1f} s behind; no message is skipped")
             publish[raw.topic](raw.data)
             self.published[raw.topic] += 1
             progress(raw.stamp_ns)
@@ -237,7 +237,7 @@ class Player(Node):
 
 
 def _say(text: str) -> None:
-    """A line for the person who watches, without tearing the progress bar."""
+    """Print a line above the progress bar."""
     tqdm.write(text, file=sys.stdout)
     sys.stdout.flush()
 
@@ -276,7 +276,7 @@ def _keyboard(toggle: Callable[[], None]) -> Iterator[Callable[[float], None]]:
 
 
 class _Parser(argparse.ArgumentParser):
-    """Tells of errors in one line."""
+    """Reports errors in one line."""
 
     def error(self, message: str) -> NoReturn:
         raise InsNavError(f"{message}; see --help")
@@ -302,8 +302,10 @@ def _options(args: list[str]) -> argparse.Namespace:
     )
     parser.add_argument("bag", help="rosbag2 folder, or a .mcap or .db3 file")
     parser.add_argument("-r", "--rate", type=_positive, default=1.0, help="bag seconds a second (default 1)")
-    parser.add_argument("--start-offset", type=_not_negative, default=0.0, metavar="S", help="begin S seconds in")
-    parser.add_argument("-l", "--loop", action="store_true", help="begin again at the end")
+    parser.add_argument(
+        "--start-offset", type=_not_negative, default=0.0, metavar="S", help="start S seconds after the beginning"
+    )
+    parser.add_argument("-l", "--loop", action="store_true", help="restart at the end")
     parser.add_argument("-p", "--start-paused", action="store_true", help="wait for SPACE or the service ~/resume")
     parser.add_argument("--topics", nargs="+", action="extend", metavar="TOPIC", help="play these only")
     parser.add_argument(

@@ -1,4 +1,4 @@
-"""How a node tells how it is: log lines from the core's `EventLog`, a status a second on ``/diagnostics``."""
+"""Reports of a node: log lines from the core's `EventLog`, a status per second on ``/diagnostics``."""
 
 import time
 
@@ -24,13 +24,13 @@ class Reporter:
         self._node = node
         self._name = f"{node.get_fully_qualified_name()}: {subject}"
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
-        self._heard = (0, time.monotonic())
+        self._last_received = (0, time.monotonic())
 
     def log(self, events: EventLog) -> None:
-        """Log what the core has to tell."""
+        """Log the queued reports of the core."""
         logger = self._node.get_logger()
         for report in events.drain():
-            if report.level == INFO:  # rclpy wants one severity a place in the source
+            if report.level == INFO:  # rclpy requires one severity per place in the source
                 logger.info(report.text)
             elif report.level == WARN:
                 logger.warning(report.text)
@@ -38,11 +38,11 @@ class Reporter:
                 logger.error(report.text)
 
     def silent_for(self, received: int) -> float:
-        """Time, s, since this count of messages was first seen; to be asked regularly."""
+        """Time, s, since the first call with this count of messages; to be called regularly."""
         now = time.monotonic()
-        if received != self._heard[0]:
-            self._heard = (received, now)
-        return now - self._heard[1]
+        if received != self._last_received[0]:
+            self._last_received = (received, now)
+        return now - self._last_received[1]
 
     def publish(self, level: int, text: str, values: dict[str, str]) -> None:
         """Publish the status: level 0 OK, 1 warning, 2 error."""

@@ -1,4 +1,4 @@
-"""What every node shares: begin, serve, end; message classes by name.
+"""Common to all nodes: initialization, service, end; message classes by name.
 
 Signals end a node between two callbacks, never within one. `init` blocks SIGINT, SIGTERM and SIGHUP in the main thread
 and so in all threads that start later; one thread of `on_signal` waits for the first of them. rclpy's own handlers
@@ -75,7 +75,7 @@ def on_signal(react: Callable[[], object]) -> None:
 
 
 def wants_no_node(arguments: list[str], program: str, text: str | None) -> bool:
-    """Whether help was asked for, and given; a node takes no arguments but ROS's.
+    """Print help if requested; whether it was. A node accepts ROS arguments only.
 
     Raises
     ------
