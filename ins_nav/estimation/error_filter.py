@@ -316,6 +316,10 @@ class ErrorFilter:
         open_heading = bool(self.p[COSINE, COSINE] > 0.0)
         close = open_heading and self._join_heading()
         x = self.x
+        if not open_heading:  # the state of a known heading is the angle, also where it jumps
+            angle = float(x[HEADING])
+            x = x.copy()
+            x[HEADING], x[COSINE] = math.sin(angle), 1.0 - math.cos(angle)
         corrected = self.model.apply(x, state, gyro_bias, accel_bias)
         tilt_x, tilt_y = x[TILT].tolist()
         c, s, length = _unit(x)

@@ -162,3 +162,14 @@ def test_yaw_of_the_mounting_is_calibrated() -> None:
     found = fed.aided.found_calibration
     yaw, stddev = (float(found[f"heading.mounting_yaw{key}_deg"]) for key in ("", "_stddev"))  # type: ignore[arg-type]
     assert 0.05 < stddev < 0.5 and abs(yaw - 3.0) < 3.0 * stddev
+
+
+@pytest.mark.parametrize("wrong_deg", [40.0, 100.0, 178.0])
+def test_a_heading_given_wrong_is_corrected_at_once(wrong_deg: float) -> None:
+    """8 readings that agree, after patience: no part of the error is left with a small sigma."""
+    s = drive()
+    given = math.degrees(heading_from_yaw(_true_yaw(s, int(s.stamps_ns[0])))) + wrong_deg
+    parameters: dict[str, object] = {"initial.heading_stddev_deg": 1.0, "heading.patience": 5.0}
+    fed, s = _fed({**parameters, "initial.heading_deg": math.remainder(given, 360.0)})
+    assert fed.aided.records["heading"].rejected < 10
+    assert abs(_heading_error(fed, s)) < 3.0
