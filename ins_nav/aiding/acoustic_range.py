@@ -228,10 +228,10 @@ class AcousticRange(Aid[RangeParameters]):
     @classmethod
     def check(cls, values: Mapping[str, Value]) -> None:
         for beacon in beacon_names(values["range.beacons"]):
-            names = [f"range.{beacon}.{key}" for key, _, _ in _PLACE]
-            given = [not math.isnan(float(values[name])) for name in names]  # type: ignore[arg-type]
+            given = [not math.isnan(value) for value in _place(beacon, values)]
             if any(given) and not all(given):
-                raise ParameterError(f"{names[0]}, {names[1]} and {names[2]} go together: give all three or none")
+                a, b, c = (f"range.{beacon}.{key}" for key, _, _ in _PLACE)
+                raise ParameterError(f"{a}, {b} and {c} go together: give all three or none")
 
     @classmethod
     def create(cls, values: Mapping[str, Value]) -> list[Aid[Any]]:
@@ -240,7 +240,7 @@ class AcousticRange(Aid[RangeParameters]):
         aids: list[Aid[Any]] = []
         search: RangeSearch | None = None
         for name in beacon_names(parameters.beacons):
-            lat, lon, height = (float(values[f"range.{name}.{key}"]) for key, _, _ in _PLACE)  # type: ignore[arg-type]
+            lat, lon, height = _place(name, values)
             place = None if math.isnan(lat) else (math.radians(lat), math.radians(lon), height)
             beacon = Beacon(place, parameters.beacon_speed)
             ranges = cls(parameters, beacon, name, search)
@@ -415,3 +415,13 @@ def _simulated_ranges(world: World, p: SimulatedRanges, beacon: SimulatedBeacon,
         beacon.exact(world, index[heard]),
         AcousticRange.MESSAGE_TYPES[0],
     )
+
+
+def _place(beacon: str, values: Mapping[str, Value]) -> tuple[float, ...]:
+    """Latitude and longitude, deg, and height, m, of a beacon by its parameters; NaN: not given."""
+    place = []
+    for key, _, _ in _PLACE:
+        value = values[f"range.{beacon}.{key}"]
+        assert isinstance(value, float)  # as checked values are
+        place.append(value)
+    return tuple(place)

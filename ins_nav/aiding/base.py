@@ -133,23 +133,27 @@ class Record:
 
 def declare_default_stddev(default: float, unit: str) -> float:
     """Declare `AidParameters.default_stddev`."""
-    return parameter(default, "of a message without covariance, each axis", unit=unit, low=1e-6)  # type: ignore[no-any-return]
+    declared: float = parameter(default, "of a message without covariance, each axis", unit=unit, low=1e-6)
+    return declared
 
 
 def declare_min_stddev(default: float, unit: str) -> float:
     """Declare `AidParameters.min_stddev`."""
-    return parameter(default, "smaller sigmas of messages are raised to this", unit=unit, low=1e-6)  # type: ignore[no-any-return]
+    declared: float = parameter(default, "smaller sigmas of messages are raised to this", unit=unit, low=1e-6)
+    return declared
 
 
 def declare_lever_arm(what: str) -> Vector:
     """Declare `AidParameters.lever_arm` of a sensor of that name."""
-    return parameter([0.0] * 3, f"{what} from the IMU, base_link's axes", unit="m", low=-1e3, high=1e3)  # type: ignore[no-any-return]
+    declared: Vector = parameter([0.0] * 3, f"{what} from the IMU, base_link's axes", unit="m", low=-1e3, high=1e3)
+    return declared
 
 
 def declare_patience(default: float) -> float:
     """Declare `AidParameters.patience`."""
     text = "after so long without an accepted message 8 rejected ones that agree are accepted; 0: never"
-    return parameter(default, text, unit="s", low=0.0)  # type: ignore[no-any-return]
+    declared: float = parameter(default, text, unit="s", low=0.0)
+    return declared
 
 
 @dataclass(frozen=True)
@@ -269,7 +273,8 @@ class Aid(ABC, Generic[P]):
     @classmethod
     def create(cls, values: Mapping[str, Value]) -> "list[Aid[Any]]":
         """The aids of this class, from checked values of the parameters."""
-        return [cls(cls.PARAMETERS.from_values(cls.NAME, values))]  # type: ignore[arg-type]
+        parameters: Any = cls.PARAMETERS.from_values(cls.NAME, values)  # the class of the aid's generic parameter
+        return [cls(parameters)]
 
     # --- messages
 
