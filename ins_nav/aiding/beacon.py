@@ -57,7 +57,7 @@ class Beacon:
             self.reference = self._fixed_ns = None
 
     def at(self, own: Array, ago: float) -> Array | None:
-        """Where it was so long ago, s, Earth-fixed, shape (3,), by the states in use; None when nobody knows."""
+        """Where it was so long ago, s, Earth-fixed, shape (3,), by the states in use; None when it is unknown."""
         if self.reference is None or self.moored:
             return self.reference
         place: Array = self.reference + self._way(ago) @ own
@@ -73,7 +73,7 @@ class Beacon:
         """What a fix says of that stamp, so long ago, s; rad and m, covariance on east, north, up, shape (3, 3), m².
 
         The first after a restart is the reference. What is not known of the way since is much the same for all fixes
-        that are as late, and each is told a variance so much larger.
+        that are as late, so the variance of each is so much larger.
         """
         place, axes = geodetic_to_ecef(*fix), enu_axes(fix[0], fix[1])
         if self.reference is None:

@@ -1,7 +1,7 @@
 """Heading from outside: dual antenna, compass, SLAM.
 
 It reads the yaw of its x axis, east-north-up, counter-clockwise from east; that axis is turned from base_link's x axis
-by the yaw of its mounting, whose error is a state.
+by the yaw of its mounting, which is a state. A slow error besides (deviation of a compass) is another one.
 
 An unknown heading has its sine and cosine as states (`ins_nav.estimation.error_model`): then the measurement is the
 horizontal direction of the x axis, computed less measured, which is linear in them for any error. Once heading is known
@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from ins_nav.aiding.base import Aid, AidParameters, Observation, OwnStates, Reading, Unusable
+from ins_nav.aiding.base import Aid, AidParameters, Observation, OwnStates, Reading, Unusable, slow_error
 from ins_nav.aiding.fields import no_measurement
 from ins_nav.aiding.geometry import set_turned
 from ins_nav.aiding.simulated import UNKNOWN, MakeMessage, Messages, Readings, Stamps, World, header, rows, turned
@@ -58,6 +58,16 @@ class HeadingParameters(AidParameters):
         high=45.0,
         scale=DEG,
     )
+    slow_stddev: float = parameter(
+        0.0,
+        "of an error that changes slowly; 0: none",
+        name="slow_stddev_deg",
+        unit="deg",
+        low=0.0,
+        high=45.0,
+        scale=DEG,
+    )
+    slow_time: float = parameter(60.0, "its correlation time", unit="s", low=1.0, high=1e5)
 
 
 @dataclass(frozen=True)
@@ -104,7 +114,7 @@ def heading_message(make: MakeMessage, stamp_ns: int, yaw: float, variance: floa
 
 
 class Heading(Aid[HeadingParameters]):
-    """Yaw of a sensor's x axis, rad; its own state is the yaw of its mounting, rad."""
+    """Yaw of a sensor's x axis, rad; own states: the yaw of its mounting, and the slow error if there is one, rad."""
 
     NAME = "heading"
     TOPIC = "heading"
@@ -117,7 +127,9 @@ class Heading(Aid[HeadingParameters]):
 
     def __init__(self, parameters: HeadingParameters) -> None:
         super().__init__(parameters)
-        self.states = (SlowState(parameters.mounting_yaw_stddev, value=parameters.mounting_yaw),)
+        mounting = SlowState(parameters.mounting_yaw_stddev, value=parameters.mounting_yaw)
+        slow = (slow_error(parameters.slow_stddev, parameters.slow_time),) if parameters.slow_stddev else ()
+        self.states = (mounting, *slow)
 
     def read(self, message: Any) -> Reading:
         if message.orientation_covariance[0] == -1.0:
@@ -130,9 +142,9 @@ class Heading(Aid[HeadingParameters]):
         return Reading((math.atan2(north, east),), (float(message.orientation_covariance[8]),), stamp_of(message))
 
     def measure(self, solution: Solution, own: OwnStates, observation: Observation) -> Measurement | None:
-        state, mounting = solution.state, float(own.values[0])
-        axis = np.array(rotate(state[0:4], math.cos(mounting), math.sin(mounting), 0.0))
-        left = np.array(rotate(state[0:4], -math.sin(mounting), math.cos(mounting), 0.0))
+        state, offset = solution.state, float(own.values.sum())
+        axis = np.array(rotate(state[0:4], math.cos(offset), math.sin(offset), 0.0))
+        left = np.array(rotate(state[0:4], -math.sin(offset), math.cos(offset), 0.0))
         length = math.hypot(axis[0], axis[1])
         if length < _STEEP:
             return None
@@ -143,7 +155,7 @@ class Heading(Aid[HeadingParameters]):
         to_direction = np.outer(across, across) / length
         h[:2, ATTITUDE] = to_direction @ h[:2, ATTITUDE]
         h[:2, COSINE] = computed
-        columns = (to_direction @ left[:2])[:, None]
+        columns = np.outer(to_direction @ left[:2], np.ones(len(self.states)))
         c, s = azimuth(state)
         yaw, variance = observation.value[0], float(observation.covariance[0, 0])
         east, north = math.cos(yaw), math.sin(yaw)

@@ -173,3 +173,15 @@ def test_a_heading_given_wrong_is_corrected_at_once(wrong_deg: float) -> None:
     fed, s = _fed({**parameters, "initial.heading_deg": math.remainder(given, 360.0)})
     assert fed.aided.records["heading"].rejected < 10
     assert abs(_heading_error(fed, s)) < 3.0
+
+
+def test_slow_error_is_not_averaged() -> None:
+    """With a deviation of 2° that changes within a minute, 100 readings of 2° leave more than a degree."""
+    s = drive()
+    given = math.degrees(heading_from_yaw(_true_yaw(s, int(s.stamps_ns[0]))))
+    parameters: dict[str, object] = {"initial.heading_deg": given, "initial.heading_stddev_deg": 20.0}
+    white, s = _fed(parameters, math.radians(2.0))
+    slow, s = _fed(parameters | {"heading.slow_stddev_deg": 2.0}, math.radians(2.0))
+    assert abs(_heading_error(white, s)) > 5.0
+    assert abs(_heading_error(slow, s)) < 2.0
+    assert slow.aided.filter is not None and slow.aided.filter.heading_stddev > math.radians(1.0)
