@@ -9,7 +9,6 @@ References
 """
 
 import math
-from dataclasses import dataclass
 from typing import NamedTuple
 
 from scipy.spatial.transform import Rotation
@@ -124,8 +123,7 @@ def heading_change(before: NavState, after: NavState) -> float:
     return math.remainder(-next(yaw) + next(yaw), 2.0 * math.pi)
 
 
-@dataclass(frozen=True, slots=True)
-class Geodetic:
+class Geodetic(NamedTuple):
     """A state in the user's terms: geodetic position, rad and m; east-north-up velocity, m/s; body to ENU."""
 
     lat: float
@@ -170,6 +168,17 @@ def position_ecef(state: NavState) -> tuple[float, float, float]:
     )
 
 
+def position_in(axes: Quaternion, origin: tuple[float, float, float], state: NavState) -> tuple[float, float, float]:
+    """`MapFrame.position` in a map with these axes and this origin."""
+    x, y, z = position_ecef(state)
+    return rotate(axes, x - origin[0], y - origin[1], z - origin[2])
+
+
+def attitude_in(axes: Quaternion, state: NavState) -> Quaternion:
+    """`MapFrame.attitude` in a map with these axes."""
+    return multiply(multiply(axes, state[7:11]), state[0:4])
+
+
 class MapFrame:
     """The ``map`` frame (REP-105): the east-north-up tangent plane at an origin.
 
@@ -179,30 +188,35 @@ class MapFrame:
         Origin, rad.
     height : float
         Origin, m above the ellipsoid.
+
+    Attributes
+    ----------
+    origin : 3 floats
+        Earth-fixed, m.
+    axes : Quaternion
+        Earth-fixed axes to those of the map.
     """
 
     def __init__(self, lat: float, lon: float, height: float) -> None:
         axes = enu_axes(lat, lon)
-        self._origin = tuple(map(float, geodetic_to_ecef(lat, lon, height)))
+        x, y, z = map(float, geodetic_to_ecef(lat, lon, height))
+        self.origin = x, y, z
         x, y, z, w = Rotation.from_matrix(axes.T).as_quat().tolist()
-        self._q_me: Quaternion = (x, y, z, w)
+        self.axes: Quaternion = (x, y, z, w)
 
     def position(self, state: NavState) -> tuple[float, float, float]:
         """Position of a state in the map, m."""
-        x, y, z = position_ecef(state)
-        ox, oy, oz = self._origin
-        return rotate(self._q_me, x - ox, y - oy, z - oz)
+        return position_in(self.axes, self.origin, state)
 
     def attitude(self, state: NavState) -> Quaternion:
         """Body to map of a state."""
-        q_en = state[7:11]
-        q_nb = state[0:4]
-        return multiply(multiply(self._q_me, q_en), q_nb)
+        return attitude_in(self.axes, state)
 
 
 def velocity_body(state: NavState) -> tuple[float, float, float]:
     """Velocity relative to the Earth on body axes, m/s."""
-    return rotate(attitude.conjugate(state[0:4]), *state[4:7])
+    qx, qy, qz, qw, vx, vy, vz = state[0:7]
+    return rotate((-qx, -qy, -qz, qw), vx, vy, vz)
 
 
 def earth_rate_body(state: NavState) -> tuple[float, float, float]:

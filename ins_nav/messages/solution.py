@@ -8,12 +8,24 @@ from numpy.typing import NDArray
 
 from ins_nav.estimation import error_model
 from ins_nav.estimation.state_layout import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, POSE, POSITION, VELOCITY
-from ins_nav.mechanization import nav_state
 from ins_nav.mechanization.attitude import Quaternion, conjugate, multiply
+from ins_nav.mechanization.compiled import compiled
+from ins_nav.mechanization.nav_state import (
+    STATE_SIZE,
+    MapFrame,
+    NavState,
+    attitude_in,
+    earth_rate_body,
+    geodetic,
+    position_in,
+    velocity_body,
+)
 from ins_nav.messages.cdr import StampedMessage
 from ins_nav.navigator.realtime import RealtimeNavigator
 from ins_nav.stamps import set_stamp
 
+Array = NDArray[np.float64]
+Vector = tuple[float, float, float]
 ODOMETRY, IMU, FIX = "nav_msgs/msg/Odometry", "sensor_msgs/msg/Imu", "sensor_msgs/msg/NavSatFix"
 _STATUS_FIX, _SERVICE_UNKNOWN, _COVARIANCE_TYPE_KNOWN = ("b", 0), ("H", 0), b"\x03"
 """Constants of sensor_msgs/NavSatFix and NavSatStatus; the service is unknown, since it is inertial."""
@@ -30,10 +42,6 @@ class SolutionMessages:
     ----------
     odometry, imu, fix : StampedMessage
         nav_msgs/Odometry, sensor_msgs/Imu and sensor_msgs/NavSatFix, filled at every call of `fill`.
-    position : 3 floats
-        Of `odometry`, m.
-    orientation : Quaternion
-        Of `odometry`.
     first : bool
         Whether the solution that is `due` is the first after an alignment, a ZUPT or a feedback.
     """
@@ -45,8 +53,6 @@ class SolutionMessages:
         self.fix = StampedMessage(
             FIX, frames.base_link, _STATUS_FIX, _SERVICE_UNKNOWN, count=12, end=_COVARIANCE_TYPE_KNOWN
         )
-        self.position = (0.0, 0.0, 0.0)
-        self.orientation: Quaternion = (0.0, 0.0, 0.0, 1.0)
         self.first = False
         self._navigator = navigator
         self._changes = 0
@@ -54,6 +60,9 @@ class SolutionMessages:
         self._began = (0, 0)
         self._period_ns = navigator.configuration.publish.period_ns
         self._next_ns = 0
+        # Compiled, or loaded from the cache, before samples arrive
+        zero = (0.0, 0.0, 0.0)
+        self._write(NavState(*(0.0,) * STATE_SIZE), zero, zero, MapFrame(0.0, 0.0, 0.0))
 
     def due(self) -> bool:
         """Whether the navigator's new solution is to be published; call it once for each."""
@@ -76,23 +85,15 @@ class SolutionMessages:
         if navigator.accuracy.count != self._filled:
             self._filled = navigator.accuracy.count
             self._fill_covariances(navigator.accuracy.covariance)
-        where = nav_state.geodetic(state)
-        rate = navigator.angular_velocity
-        earth = nav_state.earth_rate_body(state)
         for message in (self.odometry, self.imu, self.fix):
             message.set_stamp(navigator.stamp_ns)
-        self.position = frame.position(state)
-        self.orientation = frame.attitude(state)
-        odometry, imu = self.odometry.numbers, self.imu.numbers
-        odometry[0:7] = *self.position, *self.orientation
-        linear = nav_state.velocity_body(state)
-        odometry[43:49] = *linear, rate[0] - earth[0], rate[1] - earth[1], rate[2] - earth[2]
-        imu[0:4] = where.q_gb
-        imu[13:16] = rate
-        imu[25:28] = navigator.specific_force
-        self.fix.numbers[0:3] = math.degrees(where.lat), math.degrees(where.lon), where.height
+        self._write(state, navigator.angular_velocity, navigator.specific_force, frame)
 
-    def _fill_covariances(self, p: NDArray[np.float64]) -> None:
+    def _write(self, state: NavState, rate: Vector, force: Vector, frame: MapFrame) -> None:
+        numbers = self.odometry.numbers, self.imu.numbers, self.fix.numbers
+        compiled(_write_numbers)(state, rate, force, frame.axes, frame.origin, *numbers)
+
+    def _fill_covariances(self, p: Array) -> None:
         """The covariance of the errors, each part on the axes of its message.
 
         That of rates and forces is of the biases and of the white noise of a sample.
@@ -118,6 +119,34 @@ class SolutionMessages:
         self.odometry.numbers[49:85] = twist.ravel()
         self.imu.numbers[16:25] = rate.ravel()
         self.imu.numbers[28:37] = force.ravel()
+
+
+def _write_numbers(
+    state: NavState,
+    rate: Vector,
+    force: Vector,
+    axes: Quaternion,
+    origin: Vector,
+    odometry: Array,
+    imu: Array,
+    fix: Array,
+) -> None:
+    """Numbers of the three messages, apart from covariances; axes and origin are those of the map."""
+    where = geodetic(state)
+    position, orientation = position_in(axes, origin, state), attitude_in(axes, state)
+    velocity, earth = velocity_body(state), earth_rate_body(state)
+    for i in range(3):
+        odometry[i] = position[i]
+        odometry[43 + i] = velocity[i]
+        odometry[46 + i] = rate[i] - earth[i]
+        imu[13 + i] = rate[i]
+        imu[25 + i] = force[i]
+    for i in range(4):
+        odometry[3 + i] = orientation[i]
+        imu[i] = where.q_gb[i]
+    fix[0] = math.degrees(where.lat)
+    fix[1] = math.degrees(where.lon)
+    fix[2] = where.height
 
 
 def fill_bias(message: Any, navigator: RealtimeNavigator, base_link_frame: str) -> None:

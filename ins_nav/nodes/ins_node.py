@@ -111,8 +111,8 @@ class InsNode(Node):
             transform = self._transforms.transforms[0]
             set_stamp(transform, self._navigator.stamp_ns)
             translation, rotation = transform.transform.translation, transform.transform.rotation
-            translation.x, translation.y, translation.z = out.position
-            rotation.x, rotation.y, rotation.z, rotation.w = out.orientation
+            translation.x, translation.y, translation.z = out.odometry.numbers[0:3].tolist()
+            rotation.x, rotation.y, rotation.z, rotation.w = out.odometry.numbers[3:7].tolist()
             self._tf.publish(self._transforms)
         self._odometry.publish(out.odometry.serialized())
         self._imu.publish(out.imu.serialized())

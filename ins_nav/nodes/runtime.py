@@ -7,6 +7,7 @@ signal.
 """
 
 import difflib
+import gc
 import importlib
 import signal
 import sys
@@ -102,6 +103,8 @@ def spin(*nodes: Node) -> None:
 def serve(nodes: tuple[Node, ...], end: Future) -> None:
     """Serve the nodes until a future is done or rclpy shut down; then destroy them and shut rclpy down."""
     executor = _executor()
+    gc.collect()
+    gc.freeze()  # what has been imported stays: later collections need not pass over it, while samples wait
     try:
         for node in nodes:
             executor.add_node(node)

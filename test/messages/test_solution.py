@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from decoding import decoded
 
-from ins_nav.messages.solution import SolutionMessages
+from ins_nav.mechanization.compiled import compiled
+from ins_nav.messages.solution import SolutionMessages, _write_numbers
 from ins_nav.navigator.realtime import RealtimeNavigator
 from ins_nav.simulation.scenarios import simulate
 
@@ -33,6 +34,15 @@ def _navigated(**parameters: object) -> tuple[SolutionMessages, RealtimeNavigato
             rates.append(_vector(imu.angular_velocity))
             forces.append(_vector(imu.linear_acceleration))
     return out, navigator, np.array(rates), np.array(forces)
+
+
+def test_numbers_are_written_by_one_compilation() -> None:
+    """Another type among the arguments would compile again, for seconds, while samples wait."""
+    before = len(compiled(_write_numbers).signatures)
+    SolutionMessages(RealtimeNavigator())
+    first = len(compiled(_write_numbers).signatures)
+    _navigated()
+    assert before <= first <= before + 1 and len(compiled(_write_numbers).signatures) == first
 
 
 @pytest.mark.parametrize(
