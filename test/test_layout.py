@@ -28,6 +28,11 @@ def test_a_module_has_its_test_file(module: Path) -> None:
         assert there, f"{expected} is missing"
 
 
+@pytest.mark.parametrize("module", MODULES, ids=str)
+def test_a_module_has_at_most_500_lines(module: Path) -> None:
+    assert len((ROOT / "ins_nav" / module).read_text().splitlines()) <= 500
+
+
 @pytest.mark.parametrize("module", [m for m in MODULES if m.name == "__init__.py"], ids=str)
 def test_a_folder_says_what_it_is_for(module: Path) -> None:
     assert ast.get_docstring(ast.parse((ROOT / "ins_nav" / module).read_text()))

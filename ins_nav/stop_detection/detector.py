@@ -24,14 +24,12 @@ tilt and biases by a few cm/s at most, and it does not turn. A stop ends when th
   that differs by 5° from the last still one. Swaying and rocking by as much is no turn;
 - or after a gap in the stream of more than 1 s.
 
-Limits of the method. These look like rest: a recording that starts in even motion without shaking; after faster glides,
-one at less than twice the standard deviation of the velocity; with a MEMS sensor, a start so gentle that its
-acceleration grows like the effect of the gyro bias on tilt.
+Limits: these look like rest: a recording that starts in even motion without shaking; a glide, after faster ones, at
+less than twice the sigma of the velocity; with a MEMS sensor a start so gentle that it looks like a drifting tilt.
 
-At a stop the filter uses zero velocity and zero mean yaw rate only. A mean rate over some seconds is no measurement of
-gyro bias: slow rocking looks the same. When the velocity diverges nevertheless, the filter is reset.
-
-Samples are summed over blocks of 0.1 s, so that vibration of tens of Hz averages out; all tests run once a block.
+At a stop the filter uses zero velocity and zero mean yaw rate only: a mean rate over some seconds is no measurement of
+gyro bias, since slow rocking looks the same. When the velocity diverges nevertheless, the filter is reset. Samples are
+summed over blocks of 0.1 s, so that vibration of tens of Hz averages out; all tests run once a block.
 
 References
 ----------
@@ -66,8 +64,7 @@ _REST_SPEED = 0.01
 _LOOK_BACK = 3.0
 """s before the still time that belong to this search."""
 _SWAY = 0.15
-"""Of max_speed: a base that sways from the first stands when its velocity varies by less over 10 s, RMS, apart from
-the parabola that tilt and gyro biases make of it."""
+"""Of max_speed: a swaying base stands when its velocity deviates less from a parabola (tilt, gyro bias), RMS in 10 s."""
 _SWAY_EVERY = 500_000_000
 """ns between two such tests."""
 _ROLL = 1.0
