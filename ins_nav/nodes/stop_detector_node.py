@@ -20,8 +20,9 @@ from ins_nav.messages.cdr import ImuSample
 from ins_nav.messages.diagnostics import SILENCE, silence
 from ins_nav.nodes import parameters, runtime
 from ins_nav.nodes.reporting import Reporter
-from ins_nav.stop_detection.detector import Change, StopDetector, StopLimits
+from ins_nav.stop_detection.detector import Change, StopDetector
 from ins_nav.stop_detection.service_schedule import ServiceSchedule
+from ins_nav.stop_detection.stop_limits import StopLimits
 
 
 class StopDetectorNode(Node):

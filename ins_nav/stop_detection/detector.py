@@ -41,17 +41,16 @@ import cmath
 import copy
 import math
 from collections import deque
-from dataclasses import dataclass
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from ins_nav.config.sections import ImuSection, StopSection
 from ins_nav.mechanization.strapdown import Sample
 from ins_nav.stop_detection.gliding import Glides
 from ins_nav.stop_detection.sample_sums import BLOCK, EMPTY, add_sample, add_samples, completes, is_gap
+from ins_nav.stop_detection.stop_limits import StopLimits as StopLimits
 from ins_nav.stop_detection.turn_monitor import TurnMonitor
 from ins_nav.stop_detection.velocity_filter import LONG_BLOCK, VelocityFilter
 
@@ -64,7 +63,8 @@ _REST_SPEED = 0.01
 _LOOK_BACK = 3.0
 """s before the still time that belong to this search."""
 _SWAY = 0.15
-"""Of max_speed: a swaying base stands when its velocity deviates less from a parabola (tilt, gyro bias), RMS in 10 s."""
+"""Of max_speed: a base that sways from the first sample on stands when its velocity over 10 s deviates by less, RMS,
+from the parabola that tilt and gyro biases cause."""
 _SWAY_EVERY = 500_000_000
 """ns between two such tests."""
 _ROLL = 1.0
@@ -124,51 +124,6 @@ class Change(NamedTuple):
     stopped: bool
     stamp_ns: int
     decided_ns: int
-
-
-@dataclass(frozen=True)
-class StopLimits:
-    """Limits that define a stop.
-
-    Attributes
-    ----------
-    window : float
-        Length of the test window, s.
-    min_duration : float
-        Least duration of a stop, s.
-    max_speed : float
-        Mean over a window from which on the base travels, m/s.
-    vibration : float
-        Disturbance of specific force at rest, averaged over 0.1 s, standard deviation an axis, m/s².
-    sway : float
-        The same of angular rate, rad/s.
-    false_alarm : float
-        Probability that a window at rest fails a test.
-    gyro_noise : float
-        White noise, rad/√s; NaN: estimated at rest.
-    accel_noise : float
-        White noise, m/s/√s; NaN: estimated at rest.
-    """
-
-    window: float = 1.0
-    min_duration: float = 2.0
-    max_speed: float = 0.1
-    vibration: float = 0.02
-    sway: float = math.radians(0.06)
-    false_alarm: float = 1e-3
-    gyro_noise: float = math.nan
-    accel_noise: float = math.nan
-
-    @classmethod
-    def of(cls, stop: StopSection, imu: ImuSection) -> Self:
-        """Limits of a vehicle and its IMU."""
-        return cls(
-            max_speed=stop.max_speed,
-            vibration=stop.vibration,
-            sway=stop.sway,
-            gyro_noise=imu.gyro_noise,
-            accel_noise=imu.accel_noise,
-        )
 
 
 class StopDetector:

@@ -33,7 +33,8 @@ from ins_nav.mechanization.earth import RATE
 from ins_nav.mechanization.nav_state import NavState
 from ins_nav.mechanization.replay_buffer import ReplayBuffer
 from ins_nav.mechanization.strapdown import Sample
-from ins_nav.stop_detection.detector import Change, StopDetector, StopLimits
+from ins_nav.stop_detection.detector import Change, StopDetector
+from ins_nav.stop_detection.stop_limits import StopLimits
 from ins_nav.zupt.stationary_rates import MIN_DURATION, StationaryRates, StationaryRatesResult
 from ins_nav.zupt.stop_records import Stop, StopCorrection, Triple, grown_position, row, without
 from ins_nav.zupt.zupt_equations import Calibration, InconsistentError, Prior, ZuptError, rebased, zupt1, zupt2_update
