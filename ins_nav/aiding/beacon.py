@@ -1,8 +1,8 @@
-"""Acoustic beacons: where one is that is moored, and how one moves that floats.
+"""Acoustic beacons: moored at a known position, or floating.
 
-The velocity of one that floats is a first-order Gauss-Markov process on each axis ([1]_, one order lower). Its place
-and velocity are states of the filter, beside those of the vehicle: what is not known of its way is the same for all
-ranges between two fixes, and a fix that comes later tells of the ranges before it, too.
+The velocity of a floating beacon is a first-order Gauss-Markov process on each axis ([1]_, one order lower). Its position
+and velocity are states of the filter beside those of the vehicle: the error of its track is common to all ranges
+between two fixes, and a late fix also corrects the ranges before it.
 
 References
 ----------
@@ -23,18 +23,18 @@ from ins_nav.mechanization.earth import enu_axes, geodetic_to_ecef
 _MANOEUVRE = 30.0
 """s: correlation time of a vessel's velocity."""
 _ANYWHERE = 1e4
-"""m from its first fix, before that is taken."""
+"""m: prior sigma of the distance from its first fix."""
 
 
 class Beacon:
-    """A beacon; own states of one that floats are its place from `reference`, m, and velocity, m/s, Earth-fixed.
+    """A beacon; states of a floating one: position relative to `reference`, m, and velocity, m/s, Earth-fixed.
 
     Parameters
     ----------
     place : (lat, lon, height) or None
-        Of one that is moored, rad and m.
+        Of a moored one, rad and m.
     speed : float
-        Standard deviation of each component of the velocity of one that floats, m/s.
+        Standard deviation of each component of the velocity of a floating one, m/s.
 
     Attributes
     ----------
@@ -52,28 +52,28 @@ class Beacon:
         self.states = () if self.moored else (SlowState(_ANYWHERE, derivative=3),) * 3 + (velocity,) * 3
 
     def restart(self) -> None:
-        """The filter begins anew, and with it the states."""
+        """Reset the states together with the filter."""
         if not self.moored:
             self.reference = self._fixed_ns = None
 
     def at(self, own: Array, ago: float) -> Array | None:
-        """Where it was so long ago, s, Earth-fixed, shape (3,), by the states in use; None when it is unknown."""
+        """Position ``ago`` seconds before, Earth-fixed, shape (3,), by the states in use; None while unknown."""
         if self.reference is None or self.moored:
             return self.reference
         place: Array = self.reference + self._way(ago) @ own
         return place
 
     def columns(self, direction: Array, ago: float) -> Array:
-        """Of the states, shape (k,): what a measure along a direction, Earth-fixed, changes with."""
+        """Jacobian by the states, shape (k,), of the position along a direction, Earth-fixed."""
         return np.zeros(0) if self.moored else np.asarray(direction @ self._way(ago), float)
 
     def measure(
         self, own: Array, stamp_ns: int, fix: tuple[float, float, float], covariance: Array, ago: float
     ) -> Measurement:
-        """What a fix says of that stamp, so long ago, s; rad and m, covariance on east, north, up, shape (3, 3), m².
+        """Measurement of a fix, rad and m, with that stamp, ``ago`` s before; covariance on east, north, up, (3, 3), m².
 
-        The first after a restart is the reference. What is not known of the way since is much the same for all fixes
-        that are as late, so the variance of each is so much larger.
+        The first fix after a restart is the reference. Fixes with the same delay share the error of the track since
+        then, so that the variance of each is increased accordingly.
         """
         place, axes = geodetic_to_ecef(*fix), enu_axes(fix[0], fix[1])
         if self.reference is None:
@@ -86,12 +86,12 @@ class Beacon:
         return Measurement(self.reference + way @ own - place, np.zeros((3, SIZE)), r, None, way)
 
     def _way(self, ago: float) -> Array:
-        """From the states of the present to the place of a time ago, shape (3, 6)."""
+        """From the states of the present to the position ``ago`` s before, shape (3, 6)."""
         back = _MANOEUVRE * (1.0 - math.exp(-ago / _MANOEUVRE))
         return np.hstack([np.eye(3), -back * np.eye(3)])
 
     def way_stddev(self, time: float) -> float:
-        """Sigma of each component of its way in a time, s, when velocity at one end of it is known, m."""
+        """Sigma of each component of the displacement in a time, s, with known velocity at one end of it, m."""
         kept = math.exp(-time / _MANOEUVRE)
         along = 2.0 * time / _MANOEUVRE - 3.0 + 4.0 * kept - kept**2
         return self._speed * _MANOEUVRE * math.sqrt(max(0.0, along))

@@ -1,15 +1,15 @@
-"""Position by ranges to beacons from a moving vehicle whose position is hardly known: a sum of Gaussians.
+"""Position by ranges to beacons from a moving vehicle with a large position sigma: a sum of Gaussians.
 
 A range is a circle. A linear filter that uses it as a straight line becomes certain of a wrong place. So, as long as
 position is uncertain by much of the distance, ranges do not go to the filter; they weigh hypotheses all around the
-circle of the first one, each with a small covariance of its own ([1]_). Ranges to all beacons weigh the same ones. What
-several ranges to a beacon have in common, an offset and the error of the beacon's place, are states of each
-hypothesis, so that many ranges do not average it.
+circle of the first one, each with a small covariance of its own ([1]_). Ranges to all beacons weigh the same ones. Errors
+common to all ranges to a beacon, an offset and the error of the beacon's position, are states of each hypothesis, so
+that many ranges do not average them.
 
 The hypotheses are the likelihood of the ranges alone. `RangeSearch.settled` multiplies it by the filter's present
 position; once the product is one place, the likelihood near it is a measurement for the filter. The filter's own
-position is not in it, so that the update does not count it twice. Two places that are left, to either side of a
-straight course, stay two.
+position is not in it, so that the update does not count it twice. Two positions to either side of a straight
+course remain two.
 
 References
 ----------
@@ -30,7 +30,7 @@ UNSURE = 0.2
 """Position is uncertain when its sigma is this share of the distance: the sphere leaves its tangent by a fiftieth of
 the distance then."""
 _SETTLED = 0.08
-"""It is known again when its sigma is this share."""
+"""Position is certain again when its sigma is this share."""
 _ELSEWHERE = 3.0, 1e-4
 """Sigmas of that size, and the weight beyond them at which there is a second place."""
 _AROUND = 360
@@ -40,23 +40,23 @@ _OUTLIERS, _SPAN = 0.1, 1000.0
 _GATE = 16.0
 """Square of sigmas: a hypothesis is not updated by a range that is further off."""
 _LEAST = 1e-12
-"""Weight, of the greatest, of a hypothesis that is given up."""
+"""Weight, of the greatest, below which a hypothesis is discarded."""
 _DOUBT, _BELIEF, _LOST = 2.0, 1.0, 6.0
 """Whether the first range, on which all hypotheses lie, was an outlier: at the start, at most where a place is found,
 and where the search begins again. A later range to that beacon adds 1 where it suits no hypothesis, else takes 0.5."""
 _RANGES = 8
-"""So many ranges at least show a place."""
+"""Least number of ranges that determine a position."""
 _SILENT = 20
 """Ranges to other beacons after which the first beacon is out of reach: the search begins again."""
 _UNKNOWN = 1e-9
-"""Information, of the greatest, of a direction about which the ranges say nothing."""
+"""Information, of the greatest, below which the ranges do not observe a direction."""
 _OF_BEACON = 3
 """States of a beacon in a hypothesis: error of its place, two horizontal axes, and offset of its ranges."""
 
 
 @dataclass(frozen=True)
 class BeaconErrors:
-    """What ranges to one beacon have in common.
+    """Errors common to all ranges to one beacon.
 
     Attributes
     ----------
@@ -260,13 +260,13 @@ class RangeSearch:
         block = np.ix_(known, known)
         posterior = np.linalg.inv(covariance[block])
         values, vectors = np.linalg.eigh(posterior - np.linalg.inv(prior[block]))
-        told = values > _UNKNOWN * values[-1]
-        rows = np.zeros((int(told.sum()), len(mean)))
-        rows[:, known] = vectors[:, told].T
-        z = vectors[:, told].T @ posterior @ mean[known] / values[told]
+        observed = values > _UNKNOWN * values[-1]
+        rows = np.zeros((int(observed.sum()), len(mean)))
+        rows[:, known] = vectors[:, observed].T
+        z = vectors[:, observed].T @ posterior @ mean[known] / values[observed]
         columns = np.split(rows[:, 2:], len(self._beacons), axis=1)
         beacons = tuple(zip(self._beacons.values(), columns, strict=True))
-        return Likelihood(z, rows[:, :2], beacons, 1.0 / values[told])
+        return Likelihood(z, rows[:, :2], beacons, 1.0 / values[observed])
 
     def _times(self, position: Array) -> tuple[Array, Array, Array]:
         """Weights, means and covariances of the hypotheses times the computed position, which has that covariance."""

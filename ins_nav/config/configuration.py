@@ -26,7 +26,7 @@ GONE: Mapping[str, str] = {
     "stop.min_duration": _DETECTOR,
     "stop.false_alarm_probability": _DETECTOR,
 }
-"""Parameters that have become defaults of their class, each with what to do instead."""
+"""Parameters that have become defaults of their class, each with its replacement."""
 
 
 @dataclass(frozen=True)

@@ -38,7 +38,7 @@ _KEY = "ins_nav parameter"
 
 @dataclass(frozen=True)
 class _Declared:
-    """What `parameter` keeps in a field's metadata."""
+    """Declaration in a field's metadata."""
 
     name: str
     default: Value

@@ -21,7 +21,7 @@ Value = bool | float | str | list[float]
 
 
 class ParameterError(InsNavError):
-    """A parameter is unknown, of the wrong type or out of range; the text names it, its value and what is allowed."""
+    """A parameter is unknown, of the wrong type or out of range; the text names it, its value and the allowed ones."""
 
 
 @dataclass(frozen=True)
@@ -200,7 +200,7 @@ def read_file(path: str | Path, *nodes: str, namespace: str | None = None) -> di
 
 
 def _sections(path: str | Path) -> Iterator[tuple[str, dict[str, object]]]:
-    """Names of the sections, with a leading slash, and what they set."""
+    """Sections: name with a leading slash, and values."""
     try:
         content = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
     except OSError as error:

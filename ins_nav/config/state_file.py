@@ -1,8 +1,8 @@
-"""What is kept from one start to the next: biases, calibrations of aids, the last pose.
+"""The state file from one start to the next: biases, calibrations of aids, the last pose.
 
-A file of ROS 2 parameters, so that it can be read, edited, and given to a node as it is. Biases are taken up as first
-values with the uncertainty that the parameters name, for a unit's bias changes from one start to the next; how the log
-is mounted does not, and its uncertainty is that of the calibration.
+A ROS 2 parameter file, which can be read, edited, and given to a node directly. Biases are initial values with the
+sigmas of the parameters, since a unit's bias changes from one start to the next; the mounting of the log does not
+change, and its sigma is that of the calibration.
 """
 
 import math
@@ -25,11 +25,11 @@ _LAST = "last_pose"
 
 
 class StateFileError(InsNavError):
-    """The file cannot be written, or is none; the text says why."""
+    """The file cannot be written, or is invalid; the text names the reason."""
 
 
 class Pose(NamedTuple):
-    """Where it was."""
+    """Position and heading at the end."""
 
     latitude_deg: float
     longitude_deg: float
