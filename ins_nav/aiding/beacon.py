@@ -1,8 +1,8 @@
 """Acoustic beacons: moored at a known position, or floating.
 
-The velocity of a floating beacon is a first-order Gauss-Markov process on each axis ([1]_, one order lower). Its position
-and velocity are states of the filter beside those of the vehicle: the error of its track is common to all ranges
-between two fixes, and a late fix also corrects the ranges before it.
+The velocity of a floating beacon is a first-order Gauss-Markov process on each axis ([1]_, one order lower). Its
+position and velocity are states of the filter beside those of the vehicle: the error of its track is common to all
+ranges between two fixes, and a late fix also corrects the ranges before it.
 
 References
 ----------
@@ -70,7 +70,7 @@ class Beacon:
     def measure(
         self, own: Array, stamp_ns: int, fix: tuple[float, float, float], covariance: Array, ago: float
     ) -> Measurement:
-        """Measurement of a fix, rad and m, with that stamp, ``ago`` s before; covariance on east, north, up, (3, 3), m².
+        """Measurement of a fix, rad and m, with that stamp, ``ago`` s before; covariance on east, north, up, m².
 
         The first fix after a restart is the reference. Fixes with the same delay share the error of the track since
         then, so that the variance of each is increased accordingly.

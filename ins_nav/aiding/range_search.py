@@ -2,9 +2,9 @@
 
 A range is a circle. A linear filter that uses it as a straight line becomes certain of a wrong place. So, as long as
 position is uncertain by much of the distance, ranges do not go to the filter; they weigh hypotheses all around the
-circle of the first one, each with a small covariance of its own ([1]_). Ranges to all beacons weigh the same ones. Errors
-common to all ranges to a beacon, an offset and the error of the beacon's position, are states of each hypothesis, so
-that many ranges do not average them.
+circle of the first one, each with a small covariance of its own ([1]_). Ranges to all beacons weigh the same ones.
+Errors common to all ranges to a beacon, an offset and the error of the beacon's position, are states of each
+hypothesis, so that many ranges do not average them.
 
 The hypotheses are the likelihood of the ranges alone. `RangeSearch.settled` multiplies it by the filter's present
 position; once the product is one place, the likelihood near it is a measurement for the filter. The filter's own
