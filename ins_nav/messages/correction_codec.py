@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from ins_nav.estimation.state_layout import SOLUTION_SIZE
+from ins_nav.event_log import WARN, EventLog
 from ins_nav.mechanization.nav_state import NavState
 from ins_nav.navigator.correction import Correction
 from ins_nav.stamps import NS
@@ -67,3 +68,12 @@ def read_feedback(message: Any) -> Correction | None:
         covariance,
         parts["aligned"][0] != 0.0,
     )
+
+
+def received_feedback(message: Any, topic: str, events: EventLog, stamp_ns: int) -> Correction | None:
+    """`read_feedback` of a message on a topic; an event where it is malformed, with the stamp of the newest sample."""
+    feedback = read_feedback(message)
+    if feedback is None:
+        text = f"{topic}: {len(message.data)} numbers in an unknown form, rejected: do all nodes have one version?"
+        events.count(f"{topic} malformed", WARN, text, stamp_ns)
+    return feedback

@@ -66,7 +66,8 @@ class AlignmentNode(Node):
             self._reporter.log(navigator.events)
 
     def _on_solution(self, message: Float64MultiArray) -> None:
-        solution = correction_codec.read_feedback(message)
+        navigator = self._navigator
+        solution = correction_codec.received_feedback(message, "ins/solution", navigator.events, navigator.stamp_ns)
         if solution is not None:
             self._navigator.adopt(solution, solution.apply_ns)
 

@@ -1,7 +1,7 @@
 """`ins_node`: from an IMU topic to a navigation solution, live.
 
-Aligns (standing or rocking, no initial angle), then navigates free inertial at the IMU's own rate; corrects velocity
-at stops, and calibrates itself there when asked (services zupt1 and zupt2). A thin translator:
+Aligns (standing or rocking, no initial angle), then navigates free inertial at the rate of the IMU; corrects velocity
+at stops, and calibrates its gyros there on request (services zupt1 and zupt2). A thin translator:
 `ins_nav.navigator.realtime.RealtimeNavigator` does the work.
 """
 
@@ -21,7 +21,6 @@ from std_srvs.srv import Trigger
 from ins_nav.aiding.registry import calibration_names
 from ins_nav.config.state_file import read_calibration
 from ins_nav.errors import InsNavError, for_people
-from ins_nav.event_log import WARN
 from ins_nav.messages import correction_codec, diagnostics
 from ins_nav.messages.cdr import ImuSample
 from ins_nav.messages.solution import SolutionMessages, fill_bias
@@ -132,16 +131,9 @@ class InsNode(Node):
         return response
 
     def _on_feedback(self, message: Float64MultiArray) -> None:
-        feedback = correction_codec.read_feedback(message)
-        if feedback is None:
-            self._navigator.events.count(
-                "feedback malformed",
-                WARN,
-                f"ins/feedback: {len(message.data)} numbers that are not a feedback, left out: is alignment_node of "
-                "another version?",
-                self._navigator.stamp_ns,
-            )
-        else:
+        navigator = self._navigator
+        feedback = correction_codec.received_feedback(message, "ins/feedback", navigator.events, navigator.stamp_ns)
+        if feedback is not None:
             self._navigator.follow(feedback)
 
     def _on_zupt1(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:

@@ -1,7 +1,6 @@
-"""`stop_detector_node`: finds stops in the IMU's stream and has `ins_node` calibrate itself at them.
+"""`stop_detector_node`: detects stops in the stream of the IMU and calls the ZUPT services of `ins_node` there.
 
-Works by itself, in a process with the other nodes, or not at all: `ins_node` does not depend on it. What was found
-travels as data: services are asked, not told when the stop began.
+`ins_node` does not depend on it: the detector there decides what is standstill, this node when a service is called.
 """
 
 import math
@@ -65,17 +64,17 @@ class StopDetectorNode(Node):
                 detector.restart()
                 self._policy.restart()
                 if was:
-                    self._tell(Change(False, stamp_ns, stamp_ns))
+                    self._report(Change(False, stamp_ns, stamp_ns))
                 continue
             change = detector.add(stamp_ns, sample)
             if change is not None:
-                self._tell(change)
+                self._report(change)
             if detector.stopped and detector.rest_ns >= self._policy.due_ns:
                 self._call(self._policy.take())
         if self._events.pending:
             self._log()
 
-    def _tell(self, change: Change) -> None:
+    def _report(self, change: Change) -> None:
         self._stopped.publish(Bool(data=change.stopped))
         before = (change.decided_ns - change.stamp_ns) * 1e-9
         if change.stopped:
