@@ -1,20 +1,20 @@
-"""ZUPT-1 and ZUPT-2: the gyros' own drifts, and the azimuth, from what is seen at stops.
+"""ZUPT-1 and ZUPT-2: gyro drifts and azimuth from residual rates at stops.
 
-At rest the mechanization takes out the Earth's rate as it believes it to be. What is left, ``b`` on the axes of the
-navigation frame S, is the drift of the gyros seen on those axes plus what a wrong azimuth leaves of the Earth's
-rate; it tilts the platform (Schuler oscillation) and makes yaw run off. With ``k`` the horizontal part of the
+At rest the mechanization subtracts its computed Earth rate. The residual rate ``b`` on the axes of the navigation
+frame S is the drift of the gyros on those axes plus the error of the computed Earth rate due to the azimuth error; it
+tilts the platform (Schuler oscillation) and causes a drift of yaw. With ``k`` the horizontal part of the
 Earth's rate, ``w`` the drifts on the body's axes, ``m1, m2, m3`` the rows of M (body to S) and ``alpha`` the azimuth
-of S, clockwise from north, that the mechanization takes to be ``alpha_hat`` ([1]_, (3), (5), (10), (11), (14), (15))::
+of S, clockwise from north, whose computed value is ``alpha_hat`` ([1]_, (3), (5), (10), (11), (14), (15))::
 
     b1 = k (sin alpha_hat - sin alpha) + m1' w
     b2 = k (cos alpha - cos alpha_hat) + m2' w
     b3 =                                 m3' w
 
-Here S is the mechanization's own east-north-up, so ``alpha_hat`` is 0 and ``alpha`` is the error of the heading:
-the true heading is the computed one plus alpha. A self-alignment is a stop like any other: what it measured, (1) of
-[1]_, less the Earth's rate at the azimuth it found, is such a ``b``; `after_alignment` says so in code.
+Here S is the computed east-north-up, so ``alpha_hat`` is 0 and ``alpha`` is the error of the heading:
+the true heading is the computed one plus alpha. A self-alignment is a stop as well: its measured rate, (1) of
+[1]_, less the Earth's rate at its azimuth, is such a ``b`` (`after_alignment`).
 
-S itself turns with the drift about the vertical, by some arc seconds between stops: ``azimuth_gain`` carries that.
+S itself turns with the drift about the vertical, by some arc seconds between stops: ``azimuth_gain``.
 
 References
 ----------
@@ -36,43 +36,43 @@ Array = NDArray[np.float64]
 _MIN_TURN = math.radians(20.0)
 """A smaller turn multiplies the errors of the drifts by more than 1 / (2 sin 10°), about 3."""
 _MAX_CONDITION = 30.0
-"""A system that magnifies errors more than this gives numbers, not drifts."""
+"""Condition number above which a solution is refused."""
 _CONFIDENCE = 0.999
 """A solution less likely than 1 - this is inconsistent."""
 _MODEL_ERROR = 1e-10
 """rad/s: gravity some 100 m up is off the ellipsoid's normal by 1e-7 rad, as much of the Earth's rate is 1e-11."""
 _MIN_SINE = math.sin(math.radians(5.0))
-"""Without the run-off of yaw a tilt shows the third drift by so much of it; less is too little."""
+"""Least sine of the tilt that determines the third drift without the drift of yaw."""
 
 
 _INFLATION = 4.0
-"""Factor by which the variance of a contradicted prior grows until it is contradicted no more."""
+"""Factor by which the variance of a contradicted prior is increased until it is consistent."""
 
 
 class ZuptError(InsNavError):
-    """No calibration can be had from these stops; the text says why and what is missing."""
+    """These stops give no calibration; the text names the reason and the remedy."""
 
 
 class InconsistentError(ZuptError):
-    """Both stops are good, but nothing explains them together."""
+    """Each stop is valid, but no drift and azimuth explain both."""
 
 
 @dataclass(frozen=True)
 class StopMeasurement:
-    """What one stop measured.
+    """Measurement of one stop.
 
     Attributes
     ----------
     rot_sb : ndarray, shape (3, 3)
         M, body (FLU) to S (east, north, up): mean over the stop, by the mechanization's own attitude.
     rate : ndarray, shape (3,)
-        b: the rate left on the axes of S, rad/s.
+        b: the residual rate on the axes of S, rad/s.
     covariance : ndarray, shape (3, 3)
         Of ``rate``.
     horizontal_rate : float
         k, rad/s.
     azimuth_gain : ndarray, shape (3,)
-        By how much S has turned clockwise from the stop's start to the present, per unit of each drift, s.
+        Clockwise turn of S from the stop's start to the present, per unit of each drift, s.
     """
 
     rot_sb: Array
@@ -94,7 +94,7 @@ class Calibration:
     covariance: Array
 
     def sentence(self, with_azimuth: bool) -> str:
-        """What was found, for a person."""
+        """The calibration in one line."""
         sigma = np.sqrt(np.diag(self.covariance))
         drifts = ", ".join(
             f"{axis} {w / DEG_PER_HOUR:+.4f} ± {s / DEG_PER_HOUR:.4f}"
@@ -114,7 +114,7 @@ def after_alignment(
     Parameters
     ----------
     rate : array_like, shape (3,)
-        b1, b2: whole horizontal rate measured on axes whose azimuth was found to be ``azimuth``; b5: run-off of yaw.
+        b1, b2: total horizontal rate on axes with the computed azimuth ``azimuth``; b5: drift of yaw.
     azimuth : float
         rad, clockwise from north.
     rot_sb : ndarray, shape (3, 3)
@@ -132,7 +132,7 @@ def after_alignment(
 
 @dataclass(frozen=True)
 class Prior:
-    """What was known before the first of two stops.
+    """Prior knowledge at the first of two stops.
 
     Attributes
     ----------
@@ -150,15 +150,15 @@ class Prior:
 
 
 def rebased(stop: StopMeasurement, bias: ArrayLike, turn: float) -> StopMeasurement:
-    """The same stop, as seen with another bias taken out of the gyros, and on axes of another azimuth.
+    """The same stop with another bias removed from the gyros, and on axes of another azimuth.
 
     Parameters
     ----------
     stop : StopMeasurement
     bias : array_like, shape (3,)
-        Taken out besides, rad/s: drifts are now what is left.
+        Removed in addition, rad/s: drifts are relative to it.
     turn : float
-        By how much the new axes are turned clockwise, rad.
+        Clockwise turn of the new axes, rad.
     """
     left = replace(stop, rate=stop.rate - stop.rot_sb @ np.asarray(bias, float))
     s, c = math.sin(turn), math.cos(turn)
@@ -173,11 +173,11 @@ def rebased(stop: StopMeasurement, bias: ArrayLike, turn: float) -> StopMeasurem
 
 
 def zupt2_update(stop: StopMeasurement, prior: Array, before: ArrayLike = (0.0, 0.0, 0.0)) -> tuple[Calibration, bool]:
-    """Drifts from one stop, the azimuth trusted, weighed against what was known of both.
+    """Drifts from one stop with the azimuth considered known, combined with the prior.
 
-    (14)-(15) of [1]_ as the measurement of a filter: Schmidt's, which counts with the uncertainty of the azimuth but
-    leaves it alone. What yaw has run off since the azimuth was last known goes with the drift that made it. Drifts
-    that the prior excludes by its sigmas are believed all the same, and the prior's sigmas are not.
+    (14)-(15) of [1]_ as the measurement of a Schmidt filter, which considers the error of the azimuth without
+    estimating it. The drift of yaw since the azimuth was last known is corrected together with the gyro drift that
+    caused it. Drifts outside the prior's sigmas are accepted, with the sigmas of the prior increased.
 
     Parameters
     ----------
@@ -185,7 +185,7 @@ def zupt2_update(stop: StopMeasurement, prior: Array, before: ArrayLike = (0.0, 
     prior : ndarray, shape (4, 4)
         Covariance of the drifts, expected to be zero, and of the azimuth of S when it was last known.
     before : array_like, shape (3,)
-        By how much S has turned clockwise from then to the stop's start, per unit of each drift, s.
+        Clockwise turn of S from then to the stop's start, per unit of each drift, s.
 
     Returns
     -------
@@ -197,7 +197,7 @@ def zupt2_update(stop: StopMeasurement, prior: Array, before: ArrayLike = (0.0, 
     Raises
     ------
     ZuptError
-        The unit rocked so much that its mean attitude is no attitude.
+        The unit rocked so much that its mean attitude is undefined.
     """
     _check_attitude(stop)
     before = np.asarray(before, float)
@@ -242,7 +242,7 @@ def zupt2(stop: StopMeasurement, heading_stddev: float = 0.0) -> Calibration:
     Raises
     ------
     ZuptError
-        The unit rocked so much that its mean attitude is no attitude.
+        The unit rocked so much that its mean attitude is undefined.
     """
     _check_attitude(stop)
     inverse = np.linalg.inv(stop.rot_sb)
@@ -251,7 +251,7 @@ def zupt2(stop: StopMeasurement, heading_stddev: float = 0.0) -> Calibration:
     noise[0, 0] += (stop.horizontal_rate * heading_stddev) ** 2
     covariance[:3, :3] = inverse @ noise @ inverse.T
     covariance[3, 3] = heading_stddev**2
-    # the error of the drifts and that of the azimuth which makes it are one and the same
+    # the errors of drifts and azimuth are fully correlated
     covariance[:3, 3] = covariance[3, :3] = inverse[:, 0] * stop.horizontal_rate * heading_stddev**2
     return Calibration(inverse @ stop.rate, 0.0, covariance)
 
@@ -295,7 +295,7 @@ def zupt1(first: StopMeasurement, second: StopMeasurement, prior: Prior | None =
 def _most_likely(
     x: Array, first: StopMeasurement, second: StopMeasurement, prior: Prior | None
 ) -> tuple[Array, Array, float]:
-    """Drifts and azimuth by Gauss-Newton from a start, their information, and the squared distance that is left."""
+    """Drifts and azimuth by Gauss-Newton from a start, their information, and the remaining squared distance."""
     whole = np.zeros((6, 6))
     whole[:3, :3], whole[3:, 3:] = first.covariance, second.covariance
     weight = np.linalg.inv(whole + np.eye(6) * _MODEL_ERROR**2)
@@ -326,7 +326,7 @@ def zupt1_linear(first: StopMeasurement, second: StopMeasurement) -> Calibration
     """
     x = _linear(first, second)
     system, _ = _linear_system(first, second)
-    # errors of the right side: second minus first on the horizontal axes, and the run-off
+    # errors of the right side: second minus first on the horizontal axes, and the drift of yaw
     noise = np.zeros((3, 3))
     noise[:2, :2] = first.covariance[:2, :2] + second.covariance[:2, :2]
     noise[2, 2] = first.covariance[2, 2]
@@ -363,7 +363,7 @@ def zupt1_linear(first: StopMeasurement, second: StopMeasurement) -> Calibration
 
 
 def zupt1_nonlinear(first: StopMeasurement, second: StopMeasurement) -> Calibration:
-    """Drifts and azimuth without the run-off of yaw ([1]_, (9)): for a base that does not keep its yaw.
+    """Drifts and azimuth without the drift of yaw ([1]_, (9)): for a base whose yaw varies.
 
     Two drifts are expressed through the third, sin² + cos² = 1 gives it; of the two roots the one nearer to no
     drift is taken, which is right as long as the drifts are small beside the Earth's rate. One of the positions must
@@ -386,13 +386,13 @@ def zupt1_nonlinear(first: StopMeasurement, second: StopMeasurement) -> Calibrat
     a, half_b, c = float(slope @ slope), float(slope @ offset), float(offset @ offset) - 1.0
     if a * k**2 < _MIN_SINE**2:
         raise ZuptError(
-            "without the run-off of yaw a position far from the horizon is needed: tilt the unit by 20° or more in "
+            "without the drift of yaw a position far from the horizon is needed: tilt the unit by 20° or more in "
             "one of the positions"
         )
     discriminant = half_b**2 - a * c
     if abs(discriminant) * k**2 < _MIN_SINE**2:  # both roots are one: the third drift acts as the azimuth does
         raise ZuptError(
-            "these positions do not tell the drift from the azimuth without the run-off of yaw: turn or tilt the unit "
+            "these positions do not separate drift and azimuth without the drift of yaw: turn or tilt the unit "
             "by another angle"
         )
     if discriminant < 0.0:
@@ -404,7 +404,7 @@ def zupt1_nonlinear(first: StopMeasurement, second: StopMeasurement) -> Calibrat
     drift = min(solutions, key=lambda w: float(np.linalg.norm(w)))
     sine, cosine, _ = _sine_cosine(drift, first)
     azimuth = math.atan2(sine, cosine) + float(first.azimuth_gain @ drift)
-    blind = np.diag([0.0, 0.0, 1e6 * k**2])  # the run-off counts for nothing
+    blind = np.diag([0.0, 0.0, 1e6 * k**2])  # the drift of yaw has no weight
     without = [replace(stop, covariance=stop.covariance + blind) for stop in (first, second)]
     _, jacobian = _residual(np.array([*drift, azimuth]), *without)
     whole = np.zeros((6, 6))
@@ -431,7 +431,7 @@ def _residual(x: Array, first: StopMeasurement, second: StopMeasurement) -> tupl
 def _linear_system(first: StopMeasurement, second: StopMeasurement) -> tuple[Array, Array]:
     """(12)-(13): left side, shape (3, 3), and right side, shape (3,)."""
     left = np.vstack([(second.rot_sb - first.rot_sb)[:2], first.rot_sb[2]])
-    # S turns between the stops: its azimuth then shows in the east rate of the second
+    # S turns between the stops: its azimuth enters the east rate of the second
     turned = first.azimuth_gain - second.azimuth_gain
     left[0] -= second.horizontal_rate * turned
     return left, np.array([*(second.rate - first.rate)[:2], first.rate[2]])

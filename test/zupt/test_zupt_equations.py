@@ -179,7 +179,7 @@ def test_nonlinear_zupt1_refuses_level_positions() -> None:
 
 def test_nonlinear_zupt1_refuses_a_tilt_that_acts_as_the_azimuth() -> None:
     # here the drift that the differences do not show lies east in both positions, as an azimuth's: a double root
-    with pytest.raises(ZuptError, match=r"do not tell the drift from the azimuth .* by another angle"):
+    with pytest.raises(ZuptError, match=r"do not separate drift and azimuth .* by another angle"):
         zupt1_nonlinear(_stop(_position(45.0), 0.0), _stop(_position(135.0, -30.0), 0.0))
 
 
