@@ -109,18 +109,18 @@ def from_text(text: str) -> Digest:
 
 
 def differences(stored: Digest, computed: Digest) -> list[str]:
-    """A line for every difference, the greatest of numbers first, by their sigma."""
+    """A line for every difference: numbers first, the greatest change in sigmas foremost, then everything else."""
     lines: list[tuple[float, str]] = []
     for section in stored | computed:
         old, new = stored.get(section, {}), computed.get(section, {})
         for row in sorted(old.keys() | new.keys()):
             before, after = old.get(row), new.get(row)
             if before is None or after is None:
-                lines.append((math.inf, f"{section}, {row}: {_shown(before)} -> {_shown(after)}"))
+                lines.append((-1.0, f"{section}, {row}: {_shown(before)} -> {_shown(after)}"))
             elif section in ("solution", "biases") and before != after:
                 lines += _moved(f"{section}, {row}", next(iter(new.values())), before, after)
             elif before != after:
-                lines.append((math.inf, f"{section}, {row}: {_shown(before)} -> {_shown(after)}"))
+                lines.append((-1.0, f"{section}, {row}: {_shown(before)} -> {_shown(after)}"))
     return [line for _, line in sorted(lines, key=lambda item: -item[0])]
 
 
