@@ -14,8 +14,7 @@ from bench.markdown import table
 from ins_nav.estimation.observation import Measurement
 from ins_nav.mechanization import nav_state
 from ins_nav.messages import inputs
-from ins_nav.navigator.delayed import DelayedNavigator
-from ins_nav.navigator.realtime import RealtimeNavigator
+from ins_nav.navigator.system import FilterSystem, NavigationSystem
 from ins_nav.recordings.bags import BagReader
 from ins_nav.report.comparison import Errors, compare
 from ins_nav.report.series import Attitudes, Positions, Track, read_reference
@@ -46,7 +45,6 @@ MEMS: dict[str, object] = {
     "navigation.vertical_channel": True,
     "zupt.zero_velocity": False,
     "stop_detector.start_sequence": "never",
-    "aiding.stops": "none",
 }
 """For the unit of auv_pool; it floats, and is nowhere near still for alignment."""
 _POOL: dict[str, dict[str, object]] = {
@@ -89,26 +87,41 @@ class Outcome(NamedTuple):
     rejected: int
 
 
-class _Watched(DelayedNavigator):
+class _Watched(FilterSystem):
+    """Notes what updates do."""
+
+    def __init__(self, overrides: Mapping[str, object]) -> None:
+        super().__init__(overrides)
+        self._update = self.delayed._update
+        self.delayed._update = self.update  # type: ignore[method-assign]
+
+    def update(self, name: str, stamp_ns: int, measurement: Measurement, *limits: float) -> bool:
+        """In place of the filter's."""
+        return self._update(name, stamp_ns, measurement, *limits)
+
+
+class _Fixes(_Watched):
     """Notes what fixes do."""
 
     def __init__(self, overrides: Mapping[str, object]) -> None:
         self.accepted: list[Accepted] = []
         super().__init__(overrides)
 
-    def _update(self, name: str, stamp_ns: int, measurement: Measurement, *limits: float) -> None:
+    def update(self, name: str, stamp_ns: int, measurement: Measurement, *limits: float) -> bool:
+        """In place of the filter's."""
+        d = self.delayed
         if name != "gnss":
-            super()._update(name, stamp_ns, measurement, *limits)
-            return
-        assert self.filter is not None and self.state is not None
-        before, p = nav_state.position_ecef(self.state), self.filter.p[:2, :2].copy()
-        rot_en = Rotation.from_quat(self.state[7:11])
-        super()._update(name, stamp_ns, measurement, *limits)
-        update = self.records[name].last
-        if update is not None and update.accepted:
-            moved = rot_en.inv().apply(np.subtract(nav_state.position_ecef(self.state), before))[:2]
+            return super().update(name, stamp_ns, measurement, *limits)
+        assert d.filter is not None and d.state is not None
+        before, p = nav_state.position_ecef(d.state), d.filter.p[:2, :2].copy()
+        rot_en = Rotation.from_quat(d.state[7:11])
+        accepted = super().update(name, stamp_ns, measurement, *limits)
+        last = d.records[name].last
+        if accepted and last is not None:
+            moved = rot_en.inv().apply(np.subtract(nav_state.position_ecef(d.state), before))[:2]
             size = math.sqrt(moved @ np.linalg.solve(p, moved))
-            self.accepted.append(Accepted(stamp_ns, size, bool(update.reason)))
+            self.accepted.append(Accepted(stamp_ns, size, bool(last.reason)))
+        return accepted
 
 
 def follow(bag: Path, parameters: Mapping[str, object], aids: Sequence[str], given: Callable[[int], bool]) -> Outcome:
@@ -123,7 +136,8 @@ def follow(bag: Path, parameters: Mapping[str, object], aids: Sequence[str], giv
     given : callable
         Of a stamp: whether a fix of that time is given to the filter.
     """
-    navigator, aided = RealtimeNavigator(parameters), _Watched(parameters)
+    system, aided = NavigationSystem(parameters, aided=False), _Fixes(parameters)
+    navigator = system.realtime
     rows: list[tuple[float, ...]] = []
     stamps: list[int] = []
     with BagReader(bag) as reader:
@@ -131,14 +145,15 @@ def follow(bag: Path, parameters: Mapping[str, object], aids: Sequence[str], giv
             message = reader.deserialize(raw)
             if raw.topic != "/imu/data_raw":
                 if raw.topic == "/gnss/fix":
-                    navigator.add("gnss/fix", message)
+                    system.add("gnss/fix", message)
                 if raw.topic != "/gnss/fix" or given(stamp_of(message)):
                     aided.add(raw.topic.removeprefix("/"), message)
                 continue
-            inputs.feed_imu(aided, message)
-            for feedback in aided.drain() if aids else ():
-                navigator.follow(feedback)
-            if inputs.feed_imu(navigator, message):
+            sample = inputs.read_imu(message)
+            aided.add_imu(*sample)
+            for correction in aided.delayed.drain() if aids else ():
+                system.correct(correction)
+            if system.add_imu(*sample):
                 assert navigator.state is not None
                 found, p = nav_state.geodetic(navigator.state), navigator.covariance
                 sigma = np.full(6, np.nan) if p is None else np.sqrt(p.diagonal()[[0, 1, 2, 6, 7, 8]])
@@ -152,7 +167,9 @@ def follow(bag: Path, parameters: Mapping[str, object], aids: Sequence[str], giv
         Attitudes(stamps_ns, Rotation.from_quat(columns[:, 3:7]), covariance),
         None,
     )
-    return Outcome(track, tuple(aided.accepted), aided.records["gnss"].rejected if "gnss" in aided.records else 0)
+    return Outcome(
+        track, tuple(aided.accepted), aided.delayed.records["gnss"].rejected if "gnss" in aided.delayed.records else 0
+    )
 
 
 def results(data: Path) -> Iterator[str]:
@@ -177,7 +194,7 @@ def _drive(bag: Path) -> Iterator[str]:
         f"ins_node alone, coarse alignment for {_STANDS:g} s": ({"alignment.duration": _STANDS}, []),
         "coarse for 30 s, fine with GNSS and the stop": ({"alignment.duration": 30.0, **fine}, ["/gnss/fix"]),
         "coarse for 30 s, fine with GNSS only": (
-            {"alignment.duration": 30.0, "aiding.stops": "none", **fine},
+            {"alignment.duration": 30.0, "zupt.zero_velocity": False, **fine},
             ["/gnss/fix"],
         ),
     }
@@ -232,38 +249,40 @@ def _pool(bag: Path) -> Iterator[str]:
 def _pool_rows(bag: Path, told_name: str, told: Mapping[str, object]) -> list[list[str]]:
     innovations: dict[str, list[tuple[bool, Array]]] = {"depth": [], "log": []}
 
-    class Watched(DelayedNavigator):
-        def _update(self, name: str, stamp_ns: int, measurement: Measurement, *limits: float) -> None:
-            super()._update(name, stamp_ns, measurement, *limits)
-            last = self.records[name].last
+    class Innovations(_Watched):
+        def update(self, name: str, stamp_ns: int, measurement: Measurement, *limits: float) -> bool:
+            accepted = super().update(name, stamp_ns, measurement, *limits)
+            last = self.delayed.records[name].last
             assert last is not None
             innovations[name].append((last.accepted, np.array(last.innovation) / last.sigma))
+            return accepted
 
-    navigator = Watched(MEMS | told)
+    system = Innovations(MEMS | told)
+    navigator, front_end = system.delayed, system.front_end
     yaw, stamp_ns, log_ns, alone, farthest = 0.0, 0, 0, np.zeros(2), 0.0
     with BagReader(bag) as reader:
         for raw in reader.messages({topic: topic for topic in ("/imu/data_raw", "/log", "/depth")}):
             message = reader.deserialize(raw)
             now = stamp_of(message)
             if raw.topic == "/imu/data_raw":
-                inputs.feed_imu(navigator, message)
+                system.add_imu(*inputs.read_imu(message))
                 if navigator.filter is not None and stamp_ns:
                     yaw += message.angular_velocity.z * (now - stamp_ns) * 1e-9
                 stamp_ns = now
-                if navigator.state is not None and navigator.map is not None:
-                    farthest = max(farthest, math.hypot(*navigator.map.position(navigator.state)[:2]))
+                if navigator.state is not None and front_end.map is not None:
+                    farthest = max(farthest, math.hypot(*front_end.map.position(navigator.state)[:2]))
             elif raw.topic == "/log":
-                navigator.add("log", message)
+                system.add("log", message)
                 linear = message.twist.twist.linear
                 if navigator.filter is not None and log_ns:
                     turn = np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])
                     alone += turn @ (linear.x, linear.y) * (now - log_ns) * 1e-9
                 log_ns = now
             else:
-                navigator.add("depth", message)
+                system.add("depth", message)
             navigator.drain()
-    assert navigator.filter is not None and navigator.state is not None and navigator.map is not None
-    east, north, _ = navigator.map.position(navigator.state)
+    assert navigator.filter is not None and navigator.state is not None and front_end.map is not None
+    east, north, _ = front_end.map.position(navigator.state)
     # yaw 0 was given as heading 0, which is north
     off = math.hypot(east + alone[1], north - alone[0])
     sigma = math.sqrt(navigator.filter.p[0, 0] + navigator.filter.p[1, 1])

@@ -1,6 +1,6 @@
 """Fine alignment on a rocking base: heading against its own sigma and the Cramer-Rao bound, then free inertial.
 
-Every run is the whole of `delayed.DelayedNavigator`, coarse stage included, with config/paper_alignment.yaml. A
+Every run is the whole of `delayed.FilterSystem`, coarse stage included, with config/paper_alignment.yaml. A
 motion is simulated once, without errors; each seed adds noise, biases and fixes. The noise densities are those of the
 paper's unit, so the heading does not depend on the rate of the samples, which is lower here to save time.
 """
@@ -24,7 +24,7 @@ from ins_nav.aiding.simulated import fix_message
 from ins_nav.config.parameters import read_file
 from ins_nav.estimation.error_model import azimuth
 from ins_nav.mechanization import earth, nav_state
-from ins_nav.navigator.delayed import DelayedNavigator
+from ins_nav.navigator.system import FilterSystem
 from ins_nav.recordings.bags import message
 from ins_nav.simulation.scenarios import Simulation, simulate
 
@@ -115,7 +115,7 @@ class Case:
             },
         )
 
-    def navigator(self) -> DelayedNavigator:
+    def navigator(self) -> FilterSystem:
         """It, for this."""
         parameters = read_file(_CONFIG, "ins_node")
         parameters["alignment.duration"] = self.coarse
@@ -127,7 +127,7 @@ class Case:
             parameters["initial.heading_deg"] = math.remainder(true + self.heading_error_deg, 360.0)
             parameters["initial.heading_stddev_deg"] = 100.0
             parameters["alignment.level_duration"] = _LEVEL
-        return DelayedNavigator(parameters)
+        return FilterSystem(parameters)
 
 
 @functools.lru_cache(1)
@@ -185,7 +185,7 @@ def _run(case: Case, seed: int) -> Array:
     return np.array(rows)
 
 
-def _errors(simulation: Simulation, navigator: DelayedNavigator) -> list[float]:
+def _errors(simulation: Simulation, navigator: FilterSystem) -> list[float]:
     """What `run` tells of one time."""
     assert navigator.state is not None and navigator.filter is not None
     path, found = simulation.trajectory, navigator.filter

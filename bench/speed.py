@@ -17,7 +17,8 @@ from bench.markdown import spread, table
 from bench.mechanization import DURATION, from_pyins, pyins_data
 from bench.recordings import process
 from ins_nav.mechanization import strapdown
-from ins_nav.navigator.realtime import Phase, RealtimeNavigator
+from ins_nav.navigator.front_end import Phase
+from ins_nav.navigator.system import NavigationSystem
 from ins_nav.simulation.recording import write_bag
 from ins_nav.simulation.scenarios import Simulation, simulate
 
@@ -82,7 +83,7 @@ def _times(function: Callable[[], object], samples: int) -> list[float]:
 def _navigator(simulation: Simulation) -> str:
     place = {"latitude_deg": 55.7, "longitude_deg": 37.6, "height": 150.0}
     settings = {f"initial.{name}": value for name, value in place.items()} | {"alignment.duration": _ALIGNMENT}
-    navigator = RealtimeNavigator(settings)
+    navigator = NavigationSystem(settings, aided=False)
     values = np.column_stack([simulation.angular_velocity, simulation.linear_acceleration]).tolist()
     samples = zip(simulation.stamps_ns.tolist(), values, strict=True)
     phases: dict[Phase, list[float]] = {Phase.COARSE: [], Phase.NAVIGATING: []}

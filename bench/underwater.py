@@ -1,6 +1,6 @@
 """A vehicle under water: log, depth gauge and ranges to a beacon, the whole dive; then everything that can go wrong.
 
-Every run is the whole of `delayed.DelayedNavigator` with config/auv.yaml along scenario auv_dive, coarse alignment
+Every run is the whole of `delayed.FilterSystem` with config/auv.yaml along scenario auv_dive, coarse alignment
 included (`bench.underwater_run`). The noises of the IMU are densities: a low rate of its samples saves time.
 """
 

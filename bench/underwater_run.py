@@ -20,7 +20,7 @@ from ins_nav.aiding.simulated import fix_message, velocity_message
 from ins_nav.config.parameters import read_file
 from ins_nav.estimation.error_model import azimuth
 from ins_nav.mechanization import earth, nav_state, strapdown
-from ins_nav.navigator.delayed import DelayedNavigator
+from ins_nav.navigator.system import FilterSystem
 from ins_nav.recordings.bags import message
 from ins_nav.simulation.scenarios import Simulation, simulate
 from ins_nav.simulation.sensors import PRESETS
@@ -71,7 +71,7 @@ class Run:
 
     def __init__(self, simulation: Simulation, parameters: Mapping[str, Any], skip: Sequence[str] = ()) -> None:
         self.simulation = simulation
-        self.navigator = DelayedNavigator(read_file(_CONFIG, "ins_node") | dict(parameters))
+        self.navigator = FilterSystem(read_file(_CONFIG, "ins_node") | dict(parameters))
         self.navigator.stops = _Afloat(self.navigator.configuration, self.navigator.events)
         self.rows: list[list[float]] = []
         self._samples = np.column_stack([simulation.angular_velocity, simulation.linear_acceleration]).tolist()

@@ -25,8 +25,9 @@ from bench.zupt_recordings import recordings
 from ins_nav.aiding.simulated import fix_message
 from ins_nav.config.parameters import read_file
 from ins_nav.errors import InsNavError
+from ins_nav.estimation.state_layout import GYRO_BIAS, HEADING, SIZE
 from ins_nav.mechanization import earth, nav_state
-from ins_nav.navigator.realtime import RealtimeNavigator
+from ins_nav.navigator.system import NavigationSystem
 from ins_nav.recordings.bags import message
 from ins_nav.simulation.scenarios import Simulation, simulate
 from ins_nav.zupt.calibration import SETTLE_NS
@@ -45,6 +46,8 @@ _FIRST, _TURN, _SECOND = 200.0, 20.0, 200.0
 """s: stops of ZUPT-1 and the turn between them."""
 _LATE = 2.0
 """s before the end of a stop, of the call there."""
+_SETTLED = 6.0
+"""s after a call, when its correction is in the solution."""
 _SEEDS = 100
 _ARC_SECOND = math.radians(1.0 / 3600.0)
 _TILT_DEG = 40.0
@@ -75,7 +78,7 @@ def navigate(
     calls: Sequence[tuple[float, str]],
     noise: np.random.Generator | None = None,
 ) -> Found:
-    """Navigate through a simulation until the last call of a service.
+    """Navigate through a simulation that ends `_SETTLED` after the last call of a service.
 
     Raises
     ------
@@ -87,7 +90,7 @@ def navigate(
         root = math.sqrt(p["rate"])
         rates = rates + GYRO_NOISE * root * noise.standard_normal(rates.shape)
         forces = forces + ACCEL_NOISE * root * noise.standard_normal(forces.shape)
-    navigator = RealtimeNavigator(overrides)
+    navigator = NavigationSystem(overrides, aided=False)
     navigator.add("gnss/fix", fix_message(message, simulation.start_ns, 0, p["lat_deg"], p["lon_deg"], p["height"]))
     stamps, samples = simulation.stamps_ns.tolist(), np.column_stack([rates, forces]).tolist()
     done = 0
@@ -99,12 +102,16 @@ def navigate(
         success, text = navigator.zupt1() if service == "zupt1" else navigator.zupt2()
         if not success:
             raise InsNavError(f"{simulation.scenario}, {time:g} s: {text}")
-    assert navigator.state is not None
-    error = Rotation.from_quat(nav_state.geodetic(navigator.state).q_gb) * _truth(simulation, done).inv()
+    for stamp, sample in zip(stamps[done:], samples[done:], strict=True):
+        navigator.add_imu(stamp, *sample)
+    realtime = navigator.realtime
+    assert realtime.state is not None
+    done = len(stamps)
+    error = Rotation.from_quat(nav_state.geodetic(realtime.state).q_gb) * _truth(simulation, done).inv()
     return Found(
-        np.array(navigator.gyro_bias) - simulation.gyro_bias,
+        np.array(realtime.gyro_bias) - simulation.gyro_bias,
         -float(error.as_rotvec()[2]),
-        np.sqrt(np.diag(navigator.stops.covariance)),
+        np.sqrt(realtime.accuracy.covariance.diagonal()[[*range(*GYRO_BIAS.indices(SIZE)), HEADING]]),
         np.array(simulation.gyro_bias),
     )
 
@@ -149,7 +156,7 @@ def paper_overrides() -> dict[str, object]:
 
 def _one_stop(amplitude: float, period: float) -> Found | str:
     """What was found, or why it was refused."""
-    motion = {"rocking_amplitude_deg": amplitude, "period": period, "duration": PAPER_CALL, "gnss.rate": 0.0}
+    motion = {"rocking_amplitude_deg": amplitude, "period": period, "duration": PAPER_CALL + _SETTLED, "gnss.rate": 0.0}
     return _tried(simulate("zupt2_stop", 0, **motion), paper_overrides(), [(PAPER_CALL, "zupt2")])
 
 
@@ -207,7 +214,7 @@ def _two_stops(duration: float, rate: float, **motion: float) -> Simulation:
 
 
 def _two_positions(case: _Positions) -> Found:
-    return navigate(_two_stops(case.calls[-1][0] + _LATE, _RATE, **case.motion), case.overrides, case.calls)
+    return navigate(_two_stops(case.calls[-1][0] + _SETTLED, _RATE, **case.motion), case.overrides, case.calls)
 
 
 def _table_of_positions(found: Sequence[Found]) -> str:
@@ -274,13 +281,13 @@ _HEADING: Mapping[str, object] = {
 }
 _NOISY = [
     _Noisy("ZUPT-2, one stop of 200 s", _FIRST, 0.0, {**_UNKNOWN, **_HEADING}, [(_FIRST, "zupt2")]),
-    _Noisy("ZUPT-1, two stops of 200 s, turn 180°", _END + _LATE, 180.0, _UNKNOWN, [(125.0, "zupt1"), _BOTH[1]]),
+    _Noisy("ZUPT-1, two stops of 200 s, turn 180°", _END, 180.0, _UNKNOWN, [(125.0, "zupt1"), _BOTH[1]]),
 ]
 
 
 @functools.lru_cache(1)
 def _noiseless(duration: float, turn_deg: float) -> Simulation:
-    return _two_stops(duration, _NOISY_RATE, turn_deg=turn_deg)
+    return _two_stops(duration + _SETTLED, _NOISY_RATE, turn_deg=turn_deg)
 
 
 def _noisy(case: _Noisy, seeds: Sequence[int]) -> list[Found | str]:

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from bench.zupt import ACCEL_NOISE, GYRO_NOISE, PAPER_CALL, paper_overrides
 from ins_nav.aiding.simulated import fix_message
 from ins_nav.mechanization import nav_state
-from ins_nav.navigator.realtime import RealtimeNavigator
+from ins_nav.navigator.system import NavigationSystem
 from ins_nav.recordings.bags import message
 from ins_nav.report.figures import save
 from ins_nav.simulation.scenarios import Simulation, simulate
@@ -77,7 +77,7 @@ def _curves(axes: Axes, time: Array, left: Array, corrected: Array, columns: dic
 
 def _errors(s: Simulation, call: bool) -> tuple[Array, Array]:
     """Times, and rows of attitude error about east, north, up, arc seconds, and velocity east, north, mm/s."""
-    navigator = RealtimeNavigator(paper_overrides())
+    navigator = NavigationSystem(paper_overrides())
     p = s.parameters
     navigator.add("gnss/fix", fix_message(message, s.start_ns, 0, p["lat_deg"], p["lon_deg"], p["height"]))
     samples = np.column_stack([s.angular_velocity, s.linear_acceleration]).tolist()
@@ -86,8 +86,9 @@ def _errors(s: Simulation, call: bool) -> tuple[Array, Array]:
         navigator.add_imu(stamp, *sample)
         if call and i == round(PAPER_CALL * _RATE):
             navigator.zupt2()
-        if navigator.state is not None and i % round(_RATE) == 0:
-            where = nav_state.geodetic(navigator.state)
+        state = navigator.realtime.state
+        if state is not None and i % round(_RATE) == 0:
+            where = nav_state.geodetic(state)
             error = Rotation.from_quat(where.q_gb) * Rotation.from_quat(s.trajectory.q_nb[i]).inv()
             times.append(i / _RATE)
             east, north, _ = where.velocity_g

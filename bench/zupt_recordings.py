@@ -11,12 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.markdown import table
-from ins_nav.cli.process import Calls, feed, input_topics, input_types
+from ins_nav.cli.process import input_topics, input_types
 from ins_nav.config.declaration import DEG_PER_HOUR
 from ins_nav.mechanization import nav_state, strapdown
 from ins_nav.mechanization.nav_state import NavState
 from ins_nav.mechanization.strapdown import Sample
-from ins_nav.navigator.realtime import RealtimeNavigator
+from ins_nav.messages.inputs import read_imu
+from ins_nav.navigator.system import NavigationSystem, ScheduledCalls
 from ins_nav.recordings.bags import BagReader
 from ins_nav.report.comparison import horizontal_offset
 from ins_nav.report.series import Positions, interpolated, read_reference
@@ -69,17 +70,11 @@ class Journey(NamedTuple):
     """Calibrations."""
 
 
-class _Silent:
-    """In place of a recorder."""
-
-    def stopped(self, value: bool, stamp_ns: int) -> None:
-        pass
-
-
 def go(bag: Path, way: Way) -> Journey:
     """Through a recording; from each longer stop on, besides, free inertial as it would go on without stops."""
-    navigator = RealtimeNavigator(way.overrides)
-    calls = Calls(navigator, _Silent()) if way.calls else None  # type: ignore[arg-type]
+    system = NavigationSystem(way.overrides, aided=False)
+    navigator = system.realtime
+    calls = ScheduledCalls(system, lambda _stopped: None) if way.calls else None
     reference = read_reference(bag)
     assert reference is not None
     taken: list[tuple[int, Array]] = []
@@ -87,9 +82,13 @@ def go(bag: Path, way: Way) -> Journey:
     states: list[tuple[int, NavState]] = []
     stopped, since = False, 0
     with BagReader(bag) as reader:
-        names = input_topics(reader, {}, input_types(navigator.configuration.values))
+        names = input_topics(reader, {}, input_types(system.configuration.values))
         for raw in reader.messages(names):
-            new = feed(navigator, names[raw.topic], reader.deserialize(raw))
+            topic, message = names[raw.topic], reader.deserialize(raw)
+            if topic != "/imu/data_raw":
+                system.add(topic.removeprefix("/"), message)
+                continue
+            new = system.add_imu(*read_imu(message))
             if calls is not None:
                 calls.after_sample()
             if not new or navigator.state is None:
@@ -99,7 +98,7 @@ def go(bag: Path, way: Way) -> Journey:
             sample[:3] += navigator.gyro_bias
             taken.append((navigator.stamp_ns, sample))
             states.append((navigator.stamp_ns, navigator.state))
-            detector = navigator.stops.detector
+            detector = system.front_end.detector
             if stopped and not detector.stopped:
                 bias = np.array(navigator.gyro_bias)
                 departures.append((since, detector.since_ns, len(taken) - 1, navigator.state, bias))
@@ -121,7 +120,7 @@ def go(bag: Path, way: Way) -> Journey:
         found.append(Departure((began - first_ns) * _NS, (ended - began) * _NS, moved, bias))
     last_ns = int(positions.stamps_ns[positions.stamps_ns <= stamps[-1]][-1])
     nearest = states[int(np.argmin(np.abs(stamps - last_ns)))]
-    return Journey(found, float(np.hypot(*_error(nearest[1], nearest[0], positions))), navigator.stops.calibrations)
+    return Journey(found, float(np.hypot(*_error(nearest[1], nearest[0], positions))), system.services.solved)
 
 
 def _free(state: NavState, stamps: NDArray[np.int64], values: Array) -> NavState:

@@ -3,11 +3,12 @@
 from functools import partial
 from typing import Any
 
+from navigators import Ins
+
 from ins_nav.aiding.acoustic_range import range_message
 from ins_nav.aiding.depth import depth_message
 from ins_nav.aiding.pressure import pressure_message
 from ins_nav.aiding.simulated import fix_message, velocity_message
-from ins_nav.navigator.realtime import RealtimeNavigator
 from ins_nav.recordings.bags import message
 
 FIX, RANGE = partial(fix_message, message), partial(range_message, message)
@@ -21,7 +22,7 @@ MESSAGES: dict[str, tuple[str, Any]] = {
 """Topic, and what makes a message of stamp, value and covariance."""
 
 
-def add(navigator: RealtimeNavigator, kind: str, stamp_ns: int, *values: Any) -> None:
+def add(navigator: Ins, kind: str, stamp_ns: int, *values: Any) -> None:
     """Give a message of one of `MESSAGES`, or of "range" or "beacon" with the beacon's name first, to a navigator."""
     if kind == "range":
         navigator.add(f"range/{values[0]}", RANGE(stamp_ns, *values[1:]))

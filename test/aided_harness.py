@@ -10,12 +10,11 @@ from typing import Any
 
 import aid_messages
 import numpy as np
+from navigators import Filter, Ins
 from scipy.spatial.transform import Rotation
 
 from ins_nav.mechanization import nav_state
 from ins_nav.navigator.correction import Correction
-from ins_nav.navigator.delayed import DelayedNavigator
-from ins_nav.navigator.realtime import RealtimeNavigator
 from ins_nav.simulation.scenarios import Simulation, simulate
 
 BOTH = ("--nodes", "ins_node", "alignment_node")
@@ -79,13 +78,13 @@ class Fed:
     """Both navigators, fed as `ins_process` does it."""
 
     parameters: dict[str, Any]
-    aided: DelayedNavigator = field(init=False)
-    ins: RealtimeNavigator = field(init=False)
+    aided: Filter = field(init=False)
+    ins: Ins = field(init=False)
     feedback: list[Correction] = field(default_factory=list)
     said: list[str] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self.aided, self.ins = DelayedNavigator(self.parameters), RealtimeNavigator(self.parameters)
+        self.aided, self.ins = Filter(self.parameters), Ins(self.parameters)
 
     def feed(self, *streams: list[Event], ins: bool = False) -> "Fed":
         feeds = {"imu": self.aided.add_imu, "zupt": self.aided.call_zupt}
@@ -98,7 +97,7 @@ class Fed:
             self.feedback += new
             if ins:
                 for feedback in new:
-                    self.ins.follow(feedback)
+                    self.ins.correct(feedback)
                 if kind == "imu":
                     self.ins.add_imu(*arguments)
                 elif kind == "fix":
@@ -136,6 +135,6 @@ def feedback_nees(feedback: Correction, s: Simulation, *states: int) -> float:
     return float(error @ np.linalg.solve(feedback.covariance[np.ix_(states, states)], error))
 
 
-def standing(policy: str, duration: float = 90.0, **more: Any) -> tuple[Simulation, Fed]:
+def standing(zero_velocity: bool, duration: float = 90.0, **more: Any) -> tuple[Simulation, Fed]:
     s = simulate("static", 5, duration=duration, rate=50.0)
-    return s, Fed({**PLACE, **SHORT, "aiding.stops": policy, **more})
+    return s, Fed({**PLACE, **SHORT, "zupt.zero_velocity": zero_velocity, **more})

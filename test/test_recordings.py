@@ -6,10 +6,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from navigators import Ins
 
 from ins_nav.mechanization import attitude, nav_state
-from ins_nav.messages.inputs import feed_imu
-from ins_nav.navigator.realtime import Phase, RealtimeNavigator
+from ins_nav.messages.inputs import read_imu
+from ins_nav.navigator.front_end import Phase
 from ins_nav.recordings.bags import BagReader
 
 DATA = Path(__file__).parents[2] / "shared" / "data"
@@ -39,7 +40,7 @@ class Run:
     """A navigator fed with a recording; what it said, and how far it was from each fix once it navigated."""
 
     def __init__(self, name: str, seconds: float = math.inf, **parameters: Any) -> None:
-        self.navigator = RealtimeNavigator({key.replace("__", "."): value for key, value in parameters.items()})
+        self.navigator = Ins({key.replace("__", "."): value for key, value in parameters.items()})
         self.said: list[str] = []
         self.aligned_heading = math.nan
         self.distances: list[float] = []
@@ -48,7 +49,7 @@ class Run:
             if topic == "/gnss/fix":
                 n.add("gnss/fix", message)
                 self._compare(message)
-            elif feed_imu(n, message) and math.isnan(self.aligned_heading):
+            elif n.add_imu(*read_imu(message)) and math.isnan(self.aligned_heading):
                 assert n.state is not None
                 yaw = attitude.to_euler(nav_state.geodetic(n.state).q_gb)[2]
                 self.aligned_heading = math.degrees(attitude.heading_from_yaw(yaw))

@@ -11,6 +11,7 @@ from ins_nav.event_log import WARN, EventLog
 from ins_nav.mechanization.replay_buffer import LENGTH_NS
 from ins_nav.stamps import NS
 
+_NEVER_NS = 2**62
 _AHEAD_NS = 5 * NS
 """ns: a stamp further ahead of the IMU's is of another clock."""
 
@@ -93,6 +94,11 @@ class AidQueue:
                 if now_ns and not settled_ns:  # the filter begins later
                     self._drop(now_ns - LENGTH_NS)
         return observation
+
+    @property
+    def next_ns(self) -> int:
+        """Stamp of the next observation; far in the future where there is none."""
+        return self._waiting[0][0] if self._waiting else _NEVER_NS
 
     def until(self, stamp_ns: int) -> Iterator[Observation]:
         """Remove the observations up to a stamp, in their order."""

@@ -100,6 +100,9 @@ class OwnStates(NamedTuple):
 
 NO_STATES = OwnStates(np.zeros(0), np.zeros((0, 0)))
 
+_MISSED = 30.0
+"""s without an accepted measurement of an aid after which a warning is due."""
+
 
 @dataclass
 class Record:
@@ -129,6 +132,28 @@ class Record:
             self.accepted_ns = update.stamp_ns
         else:
             self.rejected += 1
+
+    def fault(self, aid: "Aid[Any]", heard: bool, now_ns: int, began_ns: int) -> str:
+        """Reason for a warning that no measurement of an aid has been accepted for long; empty without one.
+
+        Parameters
+        ----------
+        aid : Aid
+        heard : bool
+            A message has arrived.
+        now_ns, began_ns : int
+            Stamps of the filter: at present, and at its start.
+        """
+        last_ns = self.last.stamp_ns if self.last is not None else 0
+        silent, out = ((now_ns - max(ns, began_ns)) * 1e-9 for ns in (last_ns, self.accepted_ns))
+        usual = max(_MISSED, 5.0 * self.interval)
+        if silent > usual and heard and not aid.MAY_BE_SILENT:
+            return f"nothing usable for {silent:.0f} s"
+        if silent > usual and not heard and aid.EXPECTED:
+            return "never heard"
+        if self.last is not None and silent <= usual < out:
+            return f"{self.last.reason} for {out:.0f} s: check its sigma, lever arm and clock"
+        return ""
 
 
 def declare_default_stddev(default: float, unit: str) -> float:

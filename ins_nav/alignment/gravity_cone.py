@@ -6,6 +6,7 @@ is the vertical, its motion is east ("cone alignment" of the alignment paper, re
 out, gravity does not.
 """
 
+import copy
 import math
 from dataclasses import dataclass
 
@@ -141,6 +142,12 @@ class GravityCone:
 
     def __len__(self) -> int:
         return len(self._blocks)
+
+    def copy(self) -> "GravityCone":
+        """Another with the same data."""
+        other = copy.copy(self)
+        other._blocks, other._samples = self._blocks.copy(), self._samples.copy()
+        return other
 
     @property
     def rest_time(self) -> float:

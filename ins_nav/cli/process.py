@@ -11,8 +11,7 @@ from ins_nav.config.parameters import Value, parse_assignment, read_file
 from ins_nav.errors import InsNavError, Interrupted, for_people
 from ins_nav.messages import diagnostics, inputs
 from ins_nav.messages.solution import SolutionMessages, fill_bias
-from ins_nav.navigator.delayed import DelayedNavigator
-from ins_nav.navigator.realtime import RealtimeNavigator
+from ins_nav.navigator.system import NavigationSystem, ScheduledCalls
 from ins_nav.recordings.bags import (
     BagError,
     BagReader,
@@ -24,7 +23,6 @@ from ins_nav.recordings.bags import (
     message,
     suggestion,
 )
-from ins_nav.stop_detection.service_schedule import ServiceSchedule
 
 _IMU, _DIAGNOSTICS = "sensor_msgs/msg/Imu", "diagnostic_msgs/msg/DiagnosticArray"
 _BOOL = "std_msgs/msg/Bool"
@@ -39,9 +37,10 @@ NODES = ("ins_node", "stop_detector_node", "alignment_node")
 class Recorder:
     """Writes into a bag what the live node publishes, at the same stamps and rates."""
 
-    def __init__(self, writer: BagWriter, navigator: RealtimeNavigator, aided: DelayedNavigator | None) -> None:
+    def __init__(self, writer: BagWriter, system: NavigationSystem, aided: bool) -> None:
         self._writer = writer
-        self._navigator = navigator
+        self._system = system
+        self._navigator = navigator = system.realtime
         self._aided = aided
         self._base_link = navigator.configuration.frames.base_link
         self._out = SolutionMessages(navigator)
@@ -55,12 +54,12 @@ class Recorder:
         writer.add_topic("stopped", _BOOL, latched=True)
         writer.add_topic("diagnostics", _DIAGNOSTICS)
 
-    def stopped(self, value: bool, stamp_ns: int) -> None:
-        """A stop has begun or ended."""
-        self._writer.write("stopped", _BOOL, message(_BOOL, data=value), stamp_ns)
+    def stopped(self, value: bool) -> None:
+        """Record whether the vehicle is stopped."""
+        self._writer.write("stopped", _BOOL, message(_BOOL, data=value), self._navigator.stamp_ns)
 
     def solution(self) -> None:
-        """The navigator has a new solution."""
+        """Record the navigator's new solution."""
         out, stamp_ns = self._out, self._navigator.stamp_ns
         if not out.due():
             return
@@ -78,9 +77,9 @@ class Recorder:
         if stamp_ns < self._next_diagnostics_ns and not last:
             return
         self._next_diagnostics_ns = stamp_ns + _SECOND
-        said = {"navigation": diagnostics.diagnostics(self._navigator)}
-        if self._aided is not None:
-            said["alignment"] = diagnostics.alignment_diagnostics(self._aided)
+        statuses = {"navigation": diagnostics.diagnostics(self._navigator, self._system.services.solved)}
+        if self._aided:
+            statuses["alignment"] = diagnostics.alignment_diagnostics(self._system.delayed)
         status = [
             message(
                 "diagnostic_msgs/msg/DiagnosticStatus",
@@ -90,46 +89,10 @@ class Recorder:
                 hardware_id="imu",
                 values=[message("diagnostic_msgs/msg/KeyValue", key=key, value=value) for key, value in values.items()],
             )
-            for subject, (level, text, values) in said.items()
+            for subject, (level, text, values) in statuses.items()
         ]
         array = message(_DIAGNOSTICS, header=header(stamp_ns, ""), status=status)
         self._writer.write("diagnostics", _DIAGNOSTICS, array, stamp_ns)
-
-
-class Calls:
-    """What `stop_detector_node` does: publishes ``stopped``, calls ZUPT services. Its detector is the navigator's."""
-
-    def __init__(self, navigator: RealtimeNavigator, recorder: Recorder, aided: DelayedNavigator | None = None) -> None:
-        self._navigator = navigator
-        self._recorder = recorder
-        self._aided = aided
-        self._policy = ServiceSchedule(navigator.configuration.stop_detector)
-        self._stopped: bool | None = None
-        self._restarts = 0
-
-    def after_sample(self) -> None:
-        """The navigator has taken a sample."""
-        navigator, policy = self._navigator, self._policy
-        detector = navigator.stops.detector
-        if navigator.restarts != self._restarts:
-            self._restarts = navigator.restarts
-            policy.restart()
-        if self._stopped is None:
-            if not navigator.stamp_ns:  # no valid sample yet
-                return
-            self._stopped = False
-            self._recorder.stopped(False, navigator.stamp_ns)
-        if detector.stopped != self._stopped:
-            self._stopped = detector.stopped
-            self._recorder.stopped(self._stopped, navigator.stamp_ns)
-            if self._stopped:
-                policy.arrive()
-        while detector.stopped and detector.rest_ns >= policy.due_ns:
-            name, stop = policy.take(), policy.stop
-            success, _ = navigator.zupt1() if name == "zupt1" else navigator.zupt2()
-            policy.answered(name, stop, success)
-            if success and self._aided is not None:
-                self._aided.call_zupt(navigator.stamp_ns)
 
 
 def input_types(values: Mapping[str, Value]) -> Inputs:
@@ -163,14 +126,6 @@ def input_topics(reader: BagReader, remap: dict[str, str], wanted: Inputs) -> di
     return names
 
 
-def feed(navigator: RealtimeNavigator, topic: str, content: object) -> bool:
-    """Give a message to a navigator; True when there is a new solution."""
-    if topic == _IMU_TOPIC:
-        return inputs.feed_imu(navigator, content)
-    navigator.add(topic.removeprefix("/"), content)
-    return False
-
-
 def parse_remaps(texts: Iterable[str]) -> dict[str, str]:
     """``OLD:=NEW`` texts as a dict of absolute names.
 
@@ -188,9 +143,9 @@ def parse_remaps(texts: Iterable[str]) -> dict[str, str]:
 
 
 def _with_progress(
-    reader: BagReader, raw_messages: Iterable[RawMessage], navigator: RealtimeNavigator, aided: DelayedNavigator | None
+    reader: BagReader, raw_messages: Iterable[RawMessage], system: NavigationSystem
 ) -> Iterator[RawMessage]:
-    """The messages, with a bar over the recording's time; the navigators' reports are printed above it."""
+    """The messages, with a bar over the recording's time; the system's reports are printed above it."""
     from tqdm import tqdm
 
     duration = (reader.end_ns - reader.start_ns) / _SECOND
@@ -200,21 +155,19 @@ def _with_progress(
             yield raw
             done = (raw.stamp_ns - reader.start_ns) / _SECOND
             if done - bar.n >= 1.0:
-                bar.set_postfix_str(_phase(navigator, aided), refresh=False)
+                bar.set_postfix_str(_phase(system), refresh=False)
                 bar.update(done - bar.n)
-            told = navigator.events.drain()
-            if aided is not None:  # much of it is the same
-                told += [report for report in aided.events.drain() if report not in told]
-            for report in told:
+            for report in system.events.drain():
                 bar.write(f"[{report.level}] {report.text}", file=sys.stderr)
         bar.update(duration - bar.n)
 
 
-def _phase(navigator: RealtimeNavigator, aided: DelayedNavigator | None) -> str:
-    if aided is None or aided.filter is None:
-        return navigator.phase.value
-    text = f"{aided.phase.value}, heading ± {math.degrees(aided.filter.heading_stddev):.2f}°"
-    return f"{text}, {aided.time_left:.0f} s left" if aided.time_left else text
+def _phase(system: NavigationSystem) -> str:
+    delayed = system.delayed
+    if delayed.filter is None:
+        return system.phase.value
+    text = f"{delayed.phase.value}, heading ± {math.degrees(delayed.filter.heading_stddev):.2f}°"
+    return f"{text}, {delayed.time_left:.0f} s left" if delayed.time_left else text
 
 
 @for_people("ins_process")
@@ -228,29 +181,27 @@ def main(argv: Sequence[str] | None = None) -> int | None:
     for file in args.params_file:
         overrides |= read_file(file, *args.nodes, "ins_node", "/ins_process", namespace=args.namespace)
     overrides |= dict(map(parse_assignment, args.param))
-    navigator = RealtimeNavigator(overrides)
-    if args.save and not navigator.configuration.state_file.path:
+    aided = "alignment_node" in args.nodes
+    system = NavigationSystem(overrides, aided)
+    if args.save and not system.configuration.state_file.path:
         raise InsNavError("--save: where to? Add --param state_file:=FILE")
-    aided = DelayedNavigator(overrides) if "alignment_node" in args.nodes else None
     if args.output.resolve() in (args.bag.resolve(), args.bag.resolve().parent):
         raise InsNavError(f"{args.output}: is where the recording itself is; choose another name")
     damage = None
     with BagReader(args.bag) as reader:
-        wanted = input_types(navigator.configuration.values)
+        wanted = input_types(system.configuration.values)
         names = input_topics(reader, parse_remaps(args.remap), wanted)
         with BagWriter(args.output, args.overwrite) as writer:
-            recorder = Recorder(writer, navigator, aided)
-            calls = Calls(navigator, recorder, aided) if "stop_detector_node" in args.nodes else None
+            recorder = Recorder(writer, system, aided)
+            calls = ScheduledCalls(system, recorder.stopped) if "stop_detector_node" in args.nodes else None
             try:
-                for raw in _with_progress(reader, reader.messages(names), navigator, aided):
+                for raw in _with_progress(reader, reader.messages(names), system):
                     topic, content = names[raw.topic], reader.deserialize(raw)
-                    if aided is not None:
-                        feed(aided, topic, content)
-                        for feedback in aided.drain():
-                            navigator.follow(feedback)
-                    if feed(navigator, topic, content):
+                    if topic != _IMU_TOPIC:
+                        system.add(topic.removeprefix("/"), content)
+                    elif system.add_imu(*inputs.read_imu(content)):
                         recorder.solution()
-                    if calls is not None:
+                    if calls is not None and system.front_end.stamp_ns:
                         calls.after_sample()
                     recorder.tick(raw.stamp_ns)
             except DamagedBagError as error:
@@ -260,27 +211,25 @@ def main(argv: Sequence[str] | None = None) -> int | None:
                 raise
             recorder.tick(reader.end_ns, last=True)
     if args.save:
-        if aided is not None and aided.found_calibration:
-            navigator.calibration = aided.found_calibration
-        saved, text = navigator.save()
+        saved, text = system.save()
         if not saved:
             raise InsNavError(f"--save: {text}")
-    stream = navigator.stream
-    counts = "".join(f", {kind}: {count}" for kind, count in navigator.events.counts.items())
+    stream = system.front_end.stream
+    counts = "".join(f", {kind}: {count}" for kind, count in system.events.counts.items())
     print(
         f"{args.output}: {recorder.written} solutions; {stream.received} IMU samples read, {stream.accepted} "
         f"integrated{counts}"
     )
     if damage is not None:
         raise damage
-    if navigator.state is None:
-        raise InsNavError(f"{args.bag}: ended while {navigator.phase.value}: {_why(navigator)}")
+    if system.realtime.state is None:
+        raise InsNavError(f"{args.bag}: ended while {system.phase.value}: {_why(system)}")
     return 0
 
 
-def _why(navigator: RealtimeNavigator) -> str:
-    if navigator.progress < 1.0:
-        return f"alignment had {100.0 * navigator.progress:.0f} % of its data; see the reports above"
+def _why(system: NavigationSystem) -> str:
+    if system.front_end.progress < 1.0:
+        return f"alignment had {100.0 * system.front_end.progress:.0f} % of its data; see the reports above"
     return "no position: the bag has no valid gnss/fix; add --param initial.latitude_deg:=... and the others"
 
 

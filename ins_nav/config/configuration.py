@@ -22,6 +22,7 @@ from ins_nav.config.sections import (
 
 _DETECTOR = "the stop detector's default is used; stop.vibration and stop.sway_deg_per_s describe the vehicle"
 GONE: Mapping[str, str] = {
+    "aiding.stops": "zupt.zero_velocity: false is what zupt and none were",
     "stop.window": _DETECTOR,
     "stop.min_duration": _DETECTOR,
     "stop.false_alarm_probability": _DETECTOR,

@@ -193,6 +193,14 @@ class NavigationSection(Section):
     vertical_channel: bool = parameter(
         False, "integrate vertical acceleration too: unstable without an aid of height; false: height stays"
     )
+    water_surface: float = parameter(
+        NAN,
+        "ellipsoidal height of the water's surface, of a vehicle that dives: below it gravity is that in water, "
+        "in 1000 m 88e-6 g less than in air; not given: air",
+        unit="m",
+        low=-500.0,
+        high=9000.0,
+    )
 
 
 @dataclass(frozen=True)
@@ -200,7 +208,9 @@ class ZuptSection(Section):
     """``zupt.*``: corrections at stops."""
 
     zero_velocity: bool = parameter(
-        True, "correct velocity and position at every stop; false for a base that drifts without measurable motion"
+        True,
+        "the filter measures zero velocity and the change of yaw at every stop; false: only when a ZUPT service is "
+        "called (for a base that drifts without measurable motion, call none)",
     )
     max_rocking: float = parameter(
         10.0,
@@ -296,12 +306,6 @@ class AidingSection(Section):
     until_aligned: bool = parameter(False, "use aids for fine alignment only, then navigate free inertial")
     height_walk: float = parameter(
         0.3, "random walk of height where the vertical channel is off", unit="m/√s", low=0.0, high=10.0
-    )
-    stops: str = parameter(
-        "updates",
-        "measurements that the filter uses at stops: updates: zero velocity each second and the change of yaw; zupt: "
-        "those of the ZUPT services, with zero velocity; none",
-        choices=("updates", "zupt", "none"),
     )
     stop_velocity_stddev: float = parameter(
         0.02, "standard deviation of the mean velocity over a second of a stop", unit="m/s", low=1e-4, high=1.0

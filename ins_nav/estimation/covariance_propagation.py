@@ -1,17 +1,8 @@
-"""Covariance of a solution's errors, carried along with it: what `ins_node` publishes beside the numbers.
+"""Covariance of the real-time solution: that of the last correction, propagated to the present.
 
-The mechanization is corrected by others, a filter (`delayed`) or stops (`calibration`); here only the
-covariance follows what they did. Between corrections it is propagated as the filter propagates it; a correction acts
-on a state of the past, so the covariance of that time is taken up again, changed, and carried on over the states that
-were run again (`ins_nav.mechanization.replay_buffer`): what is published is of the present.
-
-At a stop the solution takes all of the velocity found for error, whatever was known before. That is a known gain,
-not the best one, so Joseph's form gives the covariance it really leaves.
-
-References
-----------
-.. [1] A. H. Mohamed, K. P. Schwarz, "Adaptive Kalman Filtering for INS/GPS", Journal of Geodesy, 1999, vol. 73: the
-       variance of a measurement from what it says.
+The filter (`ins_nav.navigator.delayed`) corrects states of the past; between corrections the covariance is propagated
+as the filter propagates its own. A correction replaces the covariance at its stamp, and the propagation over the
+re-integrated states (`ins_nav.mechanization.replay_buffer`) is repeated.
 """
 
 import math
@@ -20,32 +11,25 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import eigh
 from scipy.spatial.transform import Rotation
 
 from ins_nav.config.configuration import Configuration
 from ins_nav.estimation.error_filter import ErrorFilter
-from ins_nav.estimation.error_model import Array, ErrorModel, Vector, azimuth, rotation_matrix
+from ins_nav.estimation.error_model import Array, ErrorModel
 from ins_nav.estimation.imu_error import ImuErrors
 from ins_nav.estimation.slow_state import SlowState
 from ins_nav.estimation.state_layout import (
-    ACCEL_BIAS,
     ATTITUDE,
     BIASES,
     COSINE,
-    GYRO_BIAS,
     HEADING,
-    HORIZONTAL_POSITION,
-    HORIZONTAL_VELOCITY,
-    MOTION,
     POSITION,
-    SENSED,
     SOLUTION,
-    TILT,
     VELOCITY,
     VERTICAL_VELOCITY,
 )
 from ins_nav.estimation.states import kinds
+from ins_nav.mechanization.earth import known_surface
 from ins_nav.mechanization.nav_state import NavState
 from ins_nav.mechanization.replay_buffer import LENGTH_NS, ReplayBuffer
 
@@ -79,6 +63,7 @@ def error_model(configuration: Configuration, learnt_noise: tuple[float, float])
         gyro_bias=SlowState(imu.gyro_bias_stddev, imu.gyro_bias_walk),
         accel_bias=SlowState(imu.accel_bias_stddev, imu.accel_bias_walk),
         height_walk=configuration.aiding.height_walk,
+        water_surface=known_surface(configuration.navigation.water_surface),
         imu_errors=imu_errors(configuration),
     )
 
@@ -131,24 +116,6 @@ def covariance_of(made: ErrorFilter) -> Array:
     return covariance
 
 
-class Held(NamedTuple):
-    """A velocity that was found at a stop and taken out of the solution.
-
-    Attributes
-    ----------
-    velocity : 3 floats
-        Along n, m/s.
-    time : float
-        s: position went back by velocity times this.
-    first : bool
-        Of this stop: it is the error of the way before.
-    """
-
-    velocity: Vector
-    time: float
-    first: bool
-
-
 class _Kept(NamedTuple):
     stamp_ns: int
     state: NavState
@@ -171,7 +138,6 @@ class CovariancePropagation:
 
     def __init__(self, configuration: Configuration) -> None:
         self._configuration = configuration
-        self._stop_velocity = configuration.aiding.stop_velocity_stddev
         self._height_walk = configuration.aiding.height_walk
         self.count = 0
         self.restart()
@@ -180,7 +146,6 @@ class CovariancePropagation:
         """Nothing is known but the parameters."""
         self._filter: ErrorFilter | None = None
         self._model = error_model(self._configuration, (0.0, 0.0))
-        self._accel_stddev = self._model.slow[3].stddev
         size = len(self._model.solution_rows)
         self._idle: Array = np.zeros((size, size))
         np.einsum("ii->i", self._idle)[BIASES.start :] = [s.stddev**2 for s in self._model.slow]
@@ -191,7 +156,6 @@ class CovariancePropagation:
         self._idle[BIASES, BIASES] = self.covariance[BIASES, BIASES]
         self._filter = None
         self._kept: deque[_Kept] = deque()
-        self._swing, self._seconds = self._stop_velocity**2, 1
         self._stamp_ns = self._due_ns = 0
         self._state: NavState = NavState(*(0.0,) * 12)
         self.count += 1
@@ -239,62 +203,8 @@ class CovariancePropagation:
         if stamp_ns > self._stamp_ns:
             self._propagate(stamp_ns, state)
 
-    def hold(self, held: Held) -> None:
-        """Velocity was taken out at a stop.
-
-        What the carrier stirs there is learnt: ``aiding.stop_velocity_stddev`` counts as the first second of it, each
-        mean velocity of a later one as another ([1]_). It is stirring about a place: only the way before the stop is
-        taken for longer than it was.
-        """
-        assert self._filter is not None
-        if not held.first:
-            self._swing += 0.5 * (held.velocity[0] ** 2 + held.velocity[1] ** 2)
-            self._seconds += 1
-        position, velocity = HORIZONTAL_POSITION, HORIZONTAL_VELOCITY
-        if self._model.vertical:
-            position, velocity = POSITION, VELOCITY
-        every: Array = np.eye(self._model.size)
-        left, noise = every.copy(), every[:, velocity].copy()
-        left[velocity, velocity] = 0.0
-        left[position] -= held.time * every[velocity]
-        if held.first:
-            noise[position] = held.time * every[velocity, velocity]
-        self._filter.p = left @ self._filter.p @ left.T + (self._swing / self._seconds) * noise @ noise.T
-        self._filter.x = left @ self._filter.x
-
-    def calibrate(self, state: NavState, found: Array, level_variance: float) -> None:
-        """Drifts, azimuth and level were found at a stop.
-
-        Position and velocity stay, and so does what the new errors have in common with them.
-
-        Parameters
-        ----------
-        state : NavState
-            Corrected, its n east-north-up.
-        found : ndarray, shape (4, 4)
-            Covariance of gyro drifts, rad/s, and azimuth (clockwise), rad.
-        level_variance : float
-            rad², what the accelerometers' biases as of the parameters do to it included.
-        """
-        c, s = azimuth(self._state)
-        turn = np.eye(len(self._model.solution_rows))
-        for pair in (HORIZONTAL_POSITION, HORIZONTAL_VELOCITY, TILT):
-            turn[pair, pair] = [[c, -s], [s, c]]
-        p = turn @ self.covariance @ turn.T
-        accel = p[ACCEL_BIAS, ACCEL_BIAS]
-        rot_gb = rotation_matrix(state[0:4])
-        tilt = np.array([-rot_gb[1], rot_gb[0], np.zeros(3)]) / _GRAVITY
-        level = max(level_variance - (self._accel_stddev / _GRAVITY) ** 2, 0.0)
-        joint = np.zeros_like(p)
-        joint[ATTITUDE, ATTITUDE] = tilt @ accel @ tilt.T + np.diag([level, level, found[3, 3]])
-        joint[ATTITUDE, ACCEL_BIAS] = tilt @ accel
-        joint[ACCEL_BIAS, ATTITUDE] = joint[ATTITUDE, ACCEL_BIAS].T
-        joint[GYRO_BIAS, GYRO_BIAS], joint[ACCEL_BIAS, ACCEL_BIAS] = found[:3, :3], accel
-        joint[GYRO_BIAS, HEADING] = joint[HEADING, GYRO_BIAS] = -found[:3, 3]
-        self._filter = filter_of(self._model, _replaced(p, joint[SENSED, SENSED]))
-
-    def take(self, covariance: Array) -> None:
-        """A filter's solution has taken the place of this one."""
+    def replace(self, covariance: Array) -> None:
+        """Replace the covariance by that of a correction."""
         self._filter = filter_of(self._model, covariance)
 
     def catch_up(self, state: NavState, history: ReplayBuffer) -> None:
@@ -328,18 +238,3 @@ class CovariancePropagation:
 def _turn(before: NavState, after: NavState) -> float:
     """Angle between two attitudes, rad."""
     return 2.0 * math.acos(min(1.0, abs(sum(a * b for a, b in zip(before[0:4], after[0:4], strict=True)))))
-
-
-def _replaced(p: Array, joint: Array) -> Array:
-    """The covariance with that of attitude and biases replaced by one found otherwise.
-
-    The old errors of these were new errors and the correction, and what position and velocity had in common with them
-    they had with both parts. Where the new ones are larger than the old, they have no more in common than those had.
-    """
-    old = p[SENSED, SENSED] + np.diag(_REGULAR * p.diagonal()[SENSED] + _NOTHING)
-    share, axes = eigh(joint, old)
-    replaced = p.copy()
-    rest = np.r_[MOTION, SENSED.stop : len(p)]
-    common = p[rest, SENSED] @ (axes * np.minimum(share, 1.0)) @ axes.T @ old
-    replaced[SENSED, SENSED], replaced[rest, SENSED], replaced[SENSED, rest] = joint, common, common.T
-    return replaced

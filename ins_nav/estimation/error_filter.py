@@ -15,6 +15,7 @@ import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ins_nav.estimation.error_model import Array, ErrorModel, Vector, rotation_matrix
 from ins_nav.estimation.innovation_gate import GATE, PATIENCE, Track, limit, line
@@ -105,6 +106,11 @@ class ErrorFilter:
         self._relaxes = bool(self._integrals) or any(math.isfinite(s.correlation_time) for s in (*model.slow, *own))
         self._tracks: dict[str, Track] = {}
 
+    @property
+    def imu_errors(self) -> Array:
+        """What was fed back of the model's further errors of the IMU since the start, shape (k,)."""
+        return self.values[SIZE : self.model.size]
+
     def own(self, *aids: str) -> Array:
         """Values in use of the states of aids, one aid after the other; none for an aid without states."""
         columns = self.layout.columns(*aids)
@@ -183,7 +189,7 @@ class ErrorFilter:
             self.x[slow] += (1.0 - core.diagonal()[slow]) * self.values[slow]
             self.x[aids:] += self.values[aids:] - core[aids:, aids:] @ self.values[aids:]
 
-    def disturb(self, attitude_stddev: float, velocity_stddev: float, position_stddev: float) -> None:
+    def disturb(self, attitude_stddev: ArrayLike, velocity_stddev: ArrayLike, position_stddev: ArrayLike) -> None:
         """Add an error of unknown direction, sigma of each axis: rad, m/s, m."""
         more = np.zeros(len(self.x))
         more[POSITION], more[VELOCITY], more[ATTITUDE] = position_stddev, velocity_stddev, attitude_stddev
@@ -249,11 +255,11 @@ class ErrorFilter:
         residual = innovation - h @ self.x
         ph = self.p @ h.T
         predicted = h @ ph
-        plain = float(residual @ np.linalg.solve(predicted + r, residual))
+        plain = _square(residual, predicted + r)
         r = factor * r
         s = predicted + r
         inverse = np.linalg.inv(s)
-        square = float(residual @ inverse @ residual)
+        square = _square(residual, s)
         sigma = tuple(math.sqrt(v) for v in s.diagonal().tolist())
         ratio = square / limit(len(residual), gate)
         reason = ""
@@ -293,6 +299,25 @@ class ErrorFilter:
             slope, variance, _ = line(track.rejected)
             ahead = h[:, direct] @ p[VELOCITY, VELOCITY] @ h[:, direct].T + variance * r
             _grow(p, VELOCITY, h[:, direct], slope, ahead)
+        self.p = p
+        return True
+
+    def admit(self, measurement: Measurement) -> bool:
+        """Widen what a measurement outside the gate measures until it fits; whether that was necessary.
+
+        For a measurement that nothing else contradicts: the filter, not the measurement, is wrong.
+        """
+        innovation, h_core, r, direct, *_ = measurement
+        if direct is None or not (np.isfinite(innovation).all() and np.isfinite(r).all()):
+            return False
+        h = np.zeros((len(innovation), len(self.x)))
+        h[:, :SIZE] = h_core
+        residual, predicted = innovation - h @ self.x, h @ self.p @ h.T + r
+        if _square(residual, predicted) <= limit(len(residual), GATE):
+            return False
+        p = self.p.copy()
+        if not _grow(p, direct, h[:, direct], residual, predicted):
+            return False
         self.p = p
         return True
 
@@ -368,6 +393,13 @@ class ErrorFilter:
         ph = self.p @ h.T
         self._correct(ph / (h @ ph + r), h, r, np.array([1.0 - 0.5 * variance - length]))
         return True
+
+
+def _square(residual: Array, covariance: Array) -> float:
+    """Squared Mahalanobis distance; infinite, never negative, where it overflows."""
+    scale = max(1.0, float(np.abs(residual).max()))
+    unit = residual / scale
+    return float(unit @ np.linalg.solve(covariance, unit)) * scale * scale
 
 
 def _unit(x: Array) -> tuple[float, float, float]:

@@ -74,9 +74,11 @@ from ins_nav.mechanization import nav_state
 from ins_nav.mechanization.attitude import Quaternion, conjugate, from_rotation_vector, multiply, rotate
 from ins_nav.mechanization.earth import (
     ECCENTRICITY_SQUARED,
+    NO_WATER,
     NORTH_GRAVITY_PER_METRE,
     RATE,
     SEMI_MAJOR_AXIS,
+    WATER_GRADIENT,
     normal_gravity,
     principal_radii,
 )
@@ -102,6 +104,8 @@ class ErrorModel:
         Each axis, rad/s and m/s².
     height_walk : float
         Intensity, m/√s, of the random walk of height where there is no vertical channel.
+    water_surface : float
+        Ellipsoidal height, m: below it gravity is that in water.
     imu_errors : ImuErrors, optional
         Further errors of the IMU; default: none.
 
@@ -128,8 +132,10 @@ class ErrorModel:
         gyro_bias: SlowState = ABSENT,
         accel_bias: SlowState = ABSENT,
         height_walk: float = 0.0,
+        water_surface: float = NO_WATER,
         imu_errors: ImuErrors | None = None,
     ) -> None:
+        self._water_surface = water_surface
         self.vertical = vertical
         self.white_noise = gyro_noise, accel_noise
         self.imu_errors = ImuErrors() if imu_errors is None else imu_errors
@@ -164,11 +170,11 @@ class ErrorModel:
             The carrier travels; otherwise velocity is an error of the solution, and heading does not act through it
             (`ErrorFilter`).
         """
-        rates = _rates(before, after, self.vertical, travels)
+        rates = _rates(before, after, self.vertical, travels, self._water_surface)
         a = self._slow_rates * duration
         a[NAVIGATION, :SIZE] = duration * rates
         if self.imu_errors.size:
-            columns = self.imu_errors.columns(mean_reading(before, after, duration))
+            columns = self.imu_errors.columns(mean_reading(before, after, duration, self._water_surface))
             a[NAVIGATION, SIZE:] = duration * (rates[:, BIASES] @ columns)
         phi: Array = a @ a
         phi *= 0.5
@@ -228,10 +234,10 @@ class ErrorModel:
         )
 
 
-def _rates(before: NavState, after: NavState, vertical: bool, travels: bool) -> Array:
+def _rates(before: NavState, after: NavState, vertical: bool, travels: bool, water_surface: float) -> Array:
     """Rows of position, velocity and attitude of the system matrix, 1/s, shape (9, SIZE)."""
     (r1, r2, r3), (a, b, c) = _axis_and_curvature(after)
-    g = normal_gravity(r3, after[11])
+    g = normal_gravity(r3, after[11], water_surface)
     u1, u2, u3 = RATE * r1, RATE * r2, RATE * r3
     v1, v2, v3 = 0.5 * (before[4] + after[4]), 0.5 * (before[5] + after[5]), 0.5 * (before[6] + after[6])
     w1, w2 = u1 - b * v1 - c * v2, u2 + a * v1 + b * v2  # of n in inertial space; its vertical component is u3
@@ -244,7 +250,7 @@ def _rates(before: NavState, after: NavState, vertical: bool, travels: bool) -> 
     t = 1.0 if travels else 0.0
     s = 1.0 if vertical else 0.0
     i = 1.0 / SEMI_MAJOR_AXIS
-    gradient = 2.0 * g * i
+    gradient = 2.0 * g * i - (WATER_GRADIENT if after[11] < water_surface else 0.0)
     # fmt: off
     rows = np.array((
         # position: 3, velocity: 3, attitude: 3, gyro bias: 3, accel bias: 3, cosine
@@ -288,7 +294,7 @@ def _axis_and_curvature(state: NavState) -> tuple[Vector, Vector]:
     return (r1, r2, r3), (1.0 / r_n + k * r1 * r1, k * r1 * r2, 1.0 / r_n + k * r2 * r2)
 
 
-def mean_reading(before: NavState, after: NavState, duration: float) -> Array:
+def mean_reading(before: NavState, after: NavState, duration: float, water_surface: float = NO_WATER) -> Array:
     """Mean angular rate and specific force between two states of the mechanization, body, shape (6,).
 
     Of the body in inertial space, rad/s and m/s². Where the vertical channel is not integrated, specific force is that
@@ -300,6 +306,8 @@ def mean_reading(before: NavState, after: NavState, duration: float) -> Array:
         With no correction between them.
     duration : float
         s.
+    water_surface : float
+        As of `ErrorModel`.
     """
     axis, (a, b, c) = _axis_and_curvature(after)
     earth: Array = RATE * np.array(axis)
@@ -313,7 +321,7 @@ def mean_reading(before: NavState, after: NavState, duration: float) -> Array:
     force = np.subtract(after[4:7], before[4:7]) / duration + np.cross(2.0 * earth + transport, velocity)
     height, sin_lat = after[11], axis[2]
     north = 2.0 * NORTH_GRAVITY_PER_METRE * height * sin_lat  # times the axis: as in `strapdown.advance`
-    force -= [north * axis[0], north * axis[1], -normal_gravity(sin_lat, height)]
+    force -= [north * axis[0], north * axis[1], -normal_gravity(sin_lat, height, water_surface)]
     return np.concatenate([rate, rot_bn @ force])
 
 

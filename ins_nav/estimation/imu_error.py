@@ -9,8 +9,9 @@ with x the states of all blocks and C their columns, linear in the reading. An e
 ``C(reading) dx`` of the biases; this determines its part in the dynamics. A block in use has as many rows as
 it has components; one whose prior is zero has none.
 
-A considered block (Schmidt [1]_) is not estimated: its covariance and its correlations are propagated and enter the
-innovation's, its row of the gain is zero. That is for errors which the aids hardly observe.
+The states in use correct samples (`ImuErrors.correction`); biases are removed after that. A considered block (Schmidt
+[1]_) is not estimated: its covariance and its correlations are propagated and enter the innovation's, its row of
+the gain is zero. That is for errors which the aids hardly observe.
 
 References
 ----------
@@ -22,13 +23,14 @@ References
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ins_nav.config.declaration import Section
+from ins_nav.config.declaration import Section, parameter
 from ins_nav.estimation.slow_state import SlowState
+from ins_nav.mechanization.strapdown import Sample
 
 Array = NDArray[np.float64]
 READING = 6
@@ -47,14 +49,14 @@ class ImuError(Section):
         Names of its states.
     stddev : float
         Prior sigma of each; 0: no such error.
-    considered : bool
-        Considered, not estimated.
+    estimated : bool
+        Otherwise considered.
     """
 
     block: ClassVar[str]
     components: ClassVar[tuple[str, ...]]
     stddev: float = 0.0
-    considered: bool = True
+    estimated: bool = False
 
     @property
     def state(self) -> SlowState:
@@ -70,6 +72,12 @@ class ImuError(Section):
             Angular rate, rad/s, and specific force, m/s², on the IMU's axes. Columns are linear in it.
         """
         raise NotImplementedError
+
+
+def estimated(name: str, what: str) -> Any:
+    """Declare the field ``estimated`` of an `ImuError` as a parameter of that name."""
+    text = f"estimate and correct {what}; false: their effect is in the sigmas, they are not corrected"
+    return parameter(False, text, name=name)
 
 
 class ImuErrors:
@@ -100,7 +108,7 @@ class ImuErrors:
         self.sizes = {error.block: len(error.components) for error in self._errors}
         self.size = sum(self.sizes.values())
         self.states = tuple(error.state for error in self._errors for _ in error.components)
-        self.considered = np.array([error.considered for error in self._errors for _ in error.components], bool)
+        self.considered = np.array([not error.estimated for error in self._errors for _ in error.components], bool)
         by_unit: Array = np.array([self.columns(unit) for unit in np.eye(READING)])
         self._matrices: Array = by_unit.transpose(2, 1, 0)
         """Of each state: matrix from a reading to its change by a unit of the state."""
@@ -113,7 +121,23 @@ class ImuErrors:
         columns: Array = self._to_body @ np.hstack([error.columns(on_imu) for error in self._errors])
         return columns
 
-    def correction(self, values: Array) -> Array:
-        """Matrix that takes a reading less its bias to the true reading, shape (6, 6), where the states have values."""
+    def correction(self, values: Sequence[float] | Array) -> Array | None:
+        """Matrix that takes a reading less its bias to the true reading, shape (6, 6); None where nothing changes.
+
+        Parameters
+        ----------
+        values : sequence of float
+            Of the states, in use.
+        """
+        if not np.any(values):
+            return None
         matrix: Array = np.linalg.inv(np.eye(READING) + np.einsum("k,kij->ij", values, self._matrices))
         return matrix
+
+
+def corrected(matrix: Array | None, sample: Sample) -> Sample:
+    """A sample, its reading corrected by the matrix of `ImuErrors.correction`."""
+    if matrix is None:
+        return sample
+    wx, wy, wz, fx, fy, fz = (matrix @ sample[1:]).tolist()
+    return sample[0], wx, wy, wz, fx, fy, fz

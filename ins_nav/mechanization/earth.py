@@ -10,6 +10,7 @@ References
 .. [2] NIMA TR8350.2, "Department of Defense World Geodetic System 1984", 3rd edition.
 """
 
+import math
 from typing import TypeVar
 
 import numpy as np
@@ -33,6 +34,10 @@ GM = 3.986004418e14
 """Geocentric gravitational constant, m³/s²."""
 CENTRIFUGAL_RATIO = RATE**2 * SEMI_MAJOR_AXIS**3 * (1.0 - FLATTENING) / GM
 """m = Ω² a² b / GM of [2]_: centrifugal over gravitational acceleration at the equator."""
+WATER_GRADIENT = 4.0 * math.pi * 6.674e-11 * 1027.0
+"""What a layer of sea water takes off the gradient of gravity, 4 pi G times its density, 1/s² ([3]_, 3.5)."""
+NO_WATER = -1e9
+"""m: no vehicle is below a surface at this height."""
 NORTH_GRAVITY_PER_METRE = -8.08e-9
 """North component of normal gravity, per metre of height and per sin 2φ, 1/s² ([1]_, 2.140)."""
 
@@ -55,10 +60,12 @@ def principal_radii(sin_lat: Number) -> tuple[Number, Number]:
     return prime_vertical * (1.0 - ECCENTRICITY_SQUARED) / x, prime_vertical
 
 
-def normal_gravity(sin_lat: Number, height: Number) -> Number:
+def normal_gravity(sin_lat: Number, height: Number, water_surface: float = NO_WATER) -> Number:
     """Magnitude of normal gravity along the vertical, m/s².
 
-    Somigliana's formula on the ellipsoid, second-order series in height ([2]_, 4-3; [1]_, 2.134 and 2.139).
+    Somigliana's formula on the ellipsoid, second-order series in height ([2]_, 4-3; [1]_, 2.134 and 2.139). Below the
+    surface of water the layer above attracts upwards instead of downwards (reduction of Poincaré and Prey, [3]_, 3.5):
+    gravity grows by 2.22e-6 instead of 3.09e-6 m/s² a metre.
 
     Parameters
     ----------
@@ -66,11 +73,20 @@ def normal_gravity(sin_lat: Number, height: Number) -> Number:
         Sine of geodetic latitude.
     height : float or ndarray
         Ellipsoidal height, m.
+    water_surface : float
+        Ellipsoidal height, m, below which there is water; `NO_WATER`: air.
     """
     s2 = sin_lat * sin_lat
     on_ellipsoid: Number = EQUATORIAL_GRAVITY * (1.0 + SOMIGLIANA * s2) / (1.0 - ECCENTRICITY_SQUARED * s2) ** 0.5
     h = height / SEMI_MAJOR_AXIS
-    return on_ellipsoid * (1.0 - 2.0 * (1.0 + FLATTENING + CENTRIFUGAL_RATIO - 2.0 * FLATTENING * s2) * h + 3.0 * h * h)
+    linear = 2.0 * (1.0 + FLATTENING + CENTRIFUGAL_RATIO - 2.0 * FLATTENING * s2)
+    in_air = on_ellipsoid * (1.0 - linear * h + 3.0 * h * h)
+    return in_air - WATER_GRADIENT * 0.5 * (water_surface - height + abs(water_surface - height))
+
+
+def known_surface(height: float) -> float:
+    """Height of a water surface, m; `NO_WATER` where it is not given (NaN)."""
+    return NO_WATER if math.isnan(height) else height
 
 
 def geodetic_to_ecef(lat: ArrayLike, lon: ArrayLike, height: ArrayLike) -> NDArray[np.float64]:

@@ -117,6 +117,12 @@ def corrected(
     return NavState(*q_nb, vx + velocity[0], vy + velocity[1], vz + velocity[2], *q_en, height + dz)
 
 
+def up_axis(state: NavState) -> tuple[float, float, float]:
+    """The vertical on the body's axes."""
+    x, y, z, w = state[0:4]
+    return 2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)
+
+
 def heading_change(before: NavState, after: NavState) -> float:
     """Turn of the body about the vertical from one solution to another of the same instant, rad, left positive."""
     yaw = (attitude.to_euler(geodetic(state).q_gb)[2] for state in (before, after))

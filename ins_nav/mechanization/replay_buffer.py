@@ -2,13 +2,17 @@
 
 import itertools
 from collections import deque
-from collections.abc import Callable
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ins_nav.mechanization import strapdown
+from ins_nav.mechanization.earth import NO_WATER
 from ins_nav.mechanization.nav_state import NavState
 from ins_nav.mechanization.strapdown import Sample
 
+Vector = tuple[float, float, float]
 LENGTH_NS = 12_000_000_000
 """ns: the slowest start of a drive is noticed in less."""
 
@@ -26,11 +30,12 @@ class ReplayBuffer:
 
     Parameters
     ----------
-    instantaneous, vertical : bool
+    instantaneous, vertical, water_surface
         As in `ins_nav.mechanization.strapdown.step`.
     """
 
-    def __init__(self, instantaneous: bool, vertical: bool) -> None:
+    def __init__(self, instantaneous: bool, vertical: bool, water_surface: float = NO_WATER) -> None:
+        self._water_surface = water_surface
         self._instantaneous = instantaneous
         self._vertical = vertical
         self._entries: deque[Entry] = deque()
@@ -62,16 +67,25 @@ class ReplayBuffer:
         newest = itertools.dropwhile(lambda entry: entry.stamp_ns > until_ns, reversed(self._entries))
         return list(itertools.takewhile(lambda entry: entry.stamp_ns > after_ns, newest))[::-1]
 
-    def rerun(self, stamp_ns: int, state: NavState, without_bias: Callable[[Sample], Sample]) -> NavState:
-        """Put a state at the entry of that stamp, and run what came after it again.
+    def reintegrate(
+        self,
+        stamp_ns: int,
+        state: NavState,
+        gyro_bias: Vector,
+        accel_bias: Vector,
+        correction: NDArray[np.float64] | None = None,
+    ) -> NavState:
+        """Replace the state at the entry of that stamp and integrate the samples since again.
 
         Parameters
         ----------
         stamp_ns : int
             Of an entry.
         state : NavState
-        without_bias : callable
-            Takes the biases now in use from a sample.
+        gyro_bias, accel_bias : 3 floats
+            Removed from the samples, rad/s and m/s².
+        correction : ndarray, shape (6, 6), optional
+            Multiplies the readings before.
 
         Returns
         -------
@@ -83,10 +97,22 @@ class ReplayBuffer:
             later.append(self._entries.pop())
         start = self._entries.pop()
         self._entries.append(start._replace(state=state))
-        previous = without_bias(start.raw)
-        for entry in reversed(later):
-            sample = without_bias(entry.raw)
-            state = strapdown.step(state, previous, sample, self._instantaneous, self._vertical)
-            self._entries.append(Entry(entry.stamp_ns, entry.raw, state))
-            previous = sample
-        return state
+        if not later:
+            return state
+        later.reverse()
+        samples = np.array([entry.raw for entry in (start, *later)])
+        if correction is not None:
+            samples[:, 1:] = samples[:, 1:] @ correction.T
+        states = strapdown.integrate(
+            state,
+            tuple(samples[0].tolist()),
+            samples[1:],
+            gyro_bias,
+            accel_bias,
+            instantaneous=self._instantaneous,
+            vertical=self._vertical,
+            water_surface=self._water_surface,
+        )
+        for entry, row in zip(later, states.tolist(), strict=True):
+            self._entries.append(entry._replace(state=NavState._make(row)))
+        return self._entries[-1].state

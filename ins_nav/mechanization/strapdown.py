@@ -25,6 +25,7 @@ from ins_nav.mechanization.attitude import from_rotation_vector, multiply, rotat
 from ins_nav.mechanization.compiled import compiled
 from ins_nav.mechanization.earth import (
     ECCENTRICITY_SQUARED,
+    NO_WATER,
     NORTH_GRAVITY_PER_METRE,
     RATE,
     normal_gravity,
@@ -107,6 +108,7 @@ def advance(
     velocity_y: float,
     velocity_z: float,
     vertical: bool,
+    water_surface: float = NO_WATER,
 ) -> NavState:
     """Carry a state over one interval with the increments of `compensated_increments`.
 
@@ -123,6 +125,8 @@ def advance(
         Velocity increment on the body axes at the start, m/s.
     vertical : bool
         Integrate the vertical channel; otherwise vertical velocity is zero and height stays.
+    water_surface : float
+        Ellipsoidal height, m: below it is water (`earth.normal_gravity`).
 
     Returns
     -------
@@ -149,7 +153,7 @@ def advance(
     px, py = mx / r_n + along * rx, my / r_n + along * ry  # rate of the vertical on n; transport rate (-py, px, 0)
     rx, ry, rz = rx - half * px * rz, ry - half * py * rz, rz + half * (px * rx + py * ry)
     ox, oy, oz = RATE * rx, RATE * ry, RATE * rz
-    gravity = normal_gravity(rz, mid_height)
+    gravity = normal_gravity(rz, mid_height, water_surface)
     north = 2.0 * NORTH_GRAVITY_PER_METRE * mid_height * rz  # times (rx, ry): its horizontal components
     mz = vz + 0.5 * (uz - gravity * h) if vertical else 0.0
 
@@ -238,7 +242,14 @@ def increments(
     )
 
 
-def step(state: NavState, previous: Sample, sample: Sample, instantaneous: bool, vertical: bool) -> NavState:
+def step(
+    state: NavState,
+    previous: Sample,
+    sample: Sample,
+    instantaneous: bool,
+    vertical: bool,
+    water_surface: float = NO_WATER,
+) -> NavState:
     """One IMU sample: increments with coning and sculling, then the navigation equations.
 
     Parameters
@@ -247,8 +258,8 @@ def step(state: NavState, previous: Sample, sample: Sample, instantaneous: bool,
         At the stamp of the previous sample.
     previous, sample, instantaneous
         As in `increments`.
-    vertical : bool
-        Integrate the vertical channel.
+    vertical, water_surface
+        As in `advance`.
 
     Returns
     -------
@@ -256,7 +267,7 @@ def step(state: NavState, previous: Sample, sample: Sample, instantaneous: bool,
         At the stamp of this sample.
     """
     rx, ry, rz, ux, uy, uz = increments(previous, sample, instantaneous)
-    return advance(state, sample[0], rx, ry, rz, ux, uy, uz, vertical)
+    return advance(state, sample[0], rx, ry, rz, ux, uy, uz, vertical, water_surface)
 
 
 def without_bias(sample: Sample, gyro_bias: Vector, accel_bias: Vector) -> Sample:
@@ -282,13 +293,14 @@ def _integrate(
     accel_bias: Vector,
     instantaneous: bool,
     vertical: bool,
+    water_surface: float,
     states: NDArray[np.float64],
 ) -> None:
     previous = without_bias(previous, gyro_bias, accel_bias)
     for i in range(len(samples)):
         h, wx, wy, wz, fx, fy, fz = samples[i]
         sample = without_bias((h, wx, wy, wz, fx, fy, fz), gyro_bias, accel_bias)
-        state = step(state, previous, sample, instantaneous, vertical)
+        state = step(state, previous, sample, instantaneous, vertical, water_surface)
         previous = sample
         for j in range(len(state)):
             states[i, j] = state[j]
@@ -303,6 +315,7 @@ def integrate(
     *,
     instantaneous: bool = False,
     vertical: bool = True,
+    water_surface: float = NO_WATER,
 ) -> NDArray[np.float64]:
     """Run `step` over a block of samples, or a whole recording, compiled.
 
@@ -316,7 +329,7 @@ def integrate(
         Interval, angular rate, specific force a row, biases still in it.
     gyro_bias, accel_bias : 3 floats
         Removed from ``previous`` and the samples, rad/s and m/s².
-    instantaneous, vertical : bool
+    instantaneous, vertical, water_surface
         As in `step`.
 
     Returns
@@ -327,7 +340,7 @@ def integrate(
     samples = np.ascontiguousarray(samples, dtype=float)
     states = np.empty((len(samples), STATE_SIZE))
     compiled(_integrate)(
-        NavState._make(state), previous, samples, gyro_bias, accel_bias, instantaneous, vertical, states
+        NavState._make(state), previous, samples, gyro_bias, accel_bias, instantaneous, vertical, water_surface, states
     )
     return states
 

@@ -19,13 +19,13 @@ FEEDBACK = (
     ("accel_bias", 3),
     ("aligned", 1),
 )
-"""Parts of a feedback message, with their sizes; a covariance follows (`covariance_propagation.covariance_of`)."""
+"""Parts of a feedback message, with their sizes; further errors of the IMU and the covariance follow."""
 _UNIT = 1e-6
 """Of a unit quaternion's length."""
 
 
 def fill_feedback(message: Any, feedback: Correction) -> None:
-    """A std_msgs/Float64MultiArray of one row: stamps as s and ns, the state, biases, a flag, the covariance.
+    """A std_msgs/Float64MultiArray of one row: stamps as s and ns, state, biases, a flag, errors, covariance.
 
     One message, so that nothing of it can be lost alone; its layout names the parts.
     """
@@ -36,25 +36,33 @@ def fill_feedback(message: Any, feedback: Correction) -> None:
         *feedback.gyro_bias,
         *feedback.accel_bias,
         float(feedback.aligned),
+        *_errors(feedback),
         *feedback.covariance.ravel().tolist(),
     ]
-    for part in message.layout.dim[len(FEEDBACK) :]:
-        part.size = part.stride = feedback.covariance.size
+    sizes = len(_errors(feedback)), feedback.covariance.size
+    for part, size in zip(message.layout.dim[len(FEEDBACK) :], sizes, strict=False):
+        part.size = part.stride = size
+
+
+def _errors(feedback: Correction) -> tuple[float, ...]:
+    """As many as the covariance has."""
+    return feedback.imu_errors or (0.0,) * (len(feedback.covariance) - SOLUTION_SIZE)
 
 
 def read_feedback(message: Any) -> Correction | None:
     """The same read; None where it is not one: sizes, numbers, unit quaternions, variances."""
     data = [float(x) for x in message.data]
-    size = math.isqrt(max(0, len(data) - sum(size for _, size in FEEDBACK)))
+    size = math.isqrt(max(0, len(data) - sum(size for _, size in FEEDBACK) + SOLUTION_SIZE))  # n - 15 and n² numbers
     if size < SOLUTION_SIZE or not all(map(math.isfinite, data)):
         return None
     parts, at = {}, 0
     for name, length in FEEDBACK:
         parts[name] = tuple(data[at : at + length])
         at += length
-    if len(data) != at + size**2:
+    errors = tuple(data[at : at + size - SOLUTION_SIZE])
+    if len(data) != at + len(errors) + size**2:
         return None
-    state, covariance = parts["state"], np.array(data[at:]).reshape(size, size)
+    state, covariance = parts["state"], np.array(data[at + len(errors) :]).reshape(size, size)
     off = max(abs(math.hypot(*q) - 1.0) for q in (state[0:4], state[7:11]))
     if off > _UNIT or covariance.diagonal().min() < 0.0:
         return None
@@ -67,6 +75,7 @@ def read_feedback(message: Any) -> Correction | None:
         parts["accel_bias"],  # type: ignore[arg-type]
         covariance,
         parts["aligned"][0] != 0.0,
+        errors,
     )
 
 

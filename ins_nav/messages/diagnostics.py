@@ -15,9 +15,10 @@ from ins_nav.estimation.state_layout import (
     HORIZONTAL_VELOCITY,
     TILT,
 )
-from ins_nav.event_log import ERROR, INFO, EventLog
+from ins_nav.event_log import ERROR, INFO
 from ins_nav.navigator.delayed import DelayedNavigator
-from ins_nav.navigator.realtime import Phase, RealtimeNavigator
+from ins_nav.navigator.front_end import Phase
+from ins_nav.navigator.realtime import RealtimeNavigator
 from ins_nav.stamps import NS
 
 SILENCE = 2.0
@@ -30,19 +31,24 @@ def silence(seconds: float) -> str:
     return f"no messages on imu/data_raw for {seconds:.0f} s: is the driver running?"
 
 
-def diagnostics(navigator: RealtimeNavigator, silent_for: float = 0.0) -> tuple[int, str, dict[str, str]]:
+def diagnostics(
+    navigator: RealtimeNavigator, calibrations: int, silent_for: float = 0.0
+) -> tuple[int, str, dict[str, str]]:
     """Level (0 OK, 1 warning, 2 error), one line, and the values of a diagnostic status.
 
     Parameters
     ----------
     navigator : RealtimeNavigator
+    calibrations : int
+        ZUPT calibrations since alignment.
     silent_for : float
         Time since the last message on imu/data_raw, s, where that is known.
     """
-    stream, events = navigator.stream, navigator.events
+    front_end, events = navigator.front_end, navigator.events
+    stream = front_end.stream
     values = {
         "phase": navigator.phase.value,
-        "alignment progress": f"{100.0 * navigator.progress:.0f} %",
+        "alignment progress": f"{100.0 * navigator.front_end.progress:.0f} %",
         "imu/data_raw received": str(stream.received),
         "imu/data_raw integrated": str(stream.accepted),
         "imu/data_raw rate": "unknown" if math.isnan(stream.nominal) else f"{1.0 / stream.nominal:.1f} Hz",
@@ -51,26 +57,22 @@ def diagnostics(navigator: RealtimeNavigator, silent_for: float = 0.0) -> tuple[
     }
     if navigator.phase in (Phase.FINE, Phase.NAVIGATING):
         sigma = np.sqrt(navigator.accuracy.covariance.diagonal())
-        stops = navigator.stops
         values |= _sigmas(sigma, sigma[HEADING])
         values |= {
-            "stopped": str(stops.detector.stopped).lower(),
-            "stops with zero velocity": str(stops.held),
-            "velocity error at the last stop": f"{stops.velocity_error:.3f} m/s",
-            "stops doubted": str(stops.doubted),
-            "ZUPT calibrations": str(stops.calibrations),
+            "stopped": str(front_end.detector.stopped).lower(),
+            "ZUPT calibrations": str(calibrations),
         }
     values |= {kind: str(count) for kind, count in events.counts.items()}
-    level, text = _summary(navigator, events, silent_for)
+    level, text = _summary(navigator, silent_for)
     return level, text, values
 
 
 def alignment_diagnostics(navigator: DelayedNavigator, silent_for: float = 0.0) -> tuple[int, str, dict[str, str]]:
     """The same of the filter: its sigmas, progress of fine alignment, and every aid with its last innovation."""
-    stream = navigator.stream
+    stream = navigator.front_end.stream
     values = {
         "phase": navigator.phase.value,
-        "coarse alignment progress": f"{100.0 * navigator.progress:.0f} %",
+        "coarse alignment progress": f"{100.0 * navigator.front_end.progress:.0f} %",
         "imu/data_raw received": str(stream.received),
         "imu/data_raw used": str(stream.accepted),
     }
@@ -89,13 +91,13 @@ def alignment_diagnostics(navigator: DelayedNavigator, silent_for: float = 0.0) 
             values[f"{name}: innovation"] = _with_sigma(record.last.innovation, record.last.sigma, 1.0, 3)
             values[f"{name}: test ratio"] = f"{record.last.test_ratio:.2f}"
             if record.last.noise_factor > 1.0:
-                values[f"{name}: sigma taken larger"] = f"{math.sqrt(record.last.noise_factor):.1f} times"
+                values[f"{name}: sigma enlarged"] = f"{math.sqrt(record.last.noise_factor):.1f} times"
             if record.accepted:
                 age = (navigator.settled_ns - record.accepted_ns) / NS
                 values[f"{name}: last accepted"] = f"{age:.1f} s ago"
         values |= {f"{name}: {key}": text for key, text in navigator.status(name).items()}
     values |= {kind: str(count) for kind, count in navigator.events.counts.items()}
-    level, text = _summary(navigator, navigator.events, silent_for)
+    level, text = _summary(navigator, silent_for)
     if level == 0 and navigator.phase is Phase.FINE and navigator.filter is not None:
         stddev = math.degrees(navigator.filter.heading_stddev)
         text = f"fine; heading sigma {stddev:.2f}°, {navigator.time_left:.0f} s left"
@@ -120,14 +122,15 @@ def _with_sigma(values: Iterable[float], sigmas: Iterable[float], unit: float, d
     return ", ".join(f"{x * unit:.{digits}f} ± {s * unit:.{digits}f}" for x, s in zip(values, sigmas, strict=True))
 
 
-def _summary(navigator: RealtimeNavigator, events: EventLog, silent_for: float) -> tuple[int, str]:
-    if navigator.stream.received == 0:
+def _summary(navigator: RealtimeNavigator | DelayedNavigator, silent_for: float) -> tuple[int, str]:
+    stream = navigator.front_end.stream
+    if stream.received == 0:
         return 1, "no messages on imu/data_raw yet"
-    if navigator.stream.accepted == 0:
+    if stream.accepted == 0:
         return 2, "every message on imu/data_raw was rejected: see the counts"
     if silent_for >= SILENCE:
         return 2, silence(silent_for)
-    recent = [report for report in events.recent(navigator.stamp_ns) if report.level != INFO]
+    recent = [report for report in navigator.events.recent(navigator.front_end.stamp_ns) if report.level != INFO]
     if recent:
         level = 2 if any(report.level == ERROR for report in recent) else 1
         return level, f"{navigator.phase.value}; {recent[-1].text}"

@@ -1,4 +1,4 @@
-"""What the filter of `delayed` found, on its way into the navigator: each takes effect at its time, once."""
+"""Corrections of the delayed filter on their way into the real-time navigator: each takes effect at its time, once."""
 
 from typing import NamedTuple
 
@@ -10,27 +10,31 @@ from ins_nav.mechanization.nav_state import NavState
 from ins_nav.mechanization.replay_buffer import Entry, ReplayBuffer
 
 _AHEAD_NS = 5_000_000_000
-"""ns ahead of the samples: a feedback of before a restart. All of 5 s may still wait in the queue of a topic."""
-_FOLLOWS_NS = 5_000_000_000
-"""ns after the last feedback took effect for which `alignment_node` is believed to be there."""
+"""ns ahead of the samples: a correction from before a restart. All of 5 s may still wait in the queue of a topic."""
+_LEADS_NS = 5_000_000_000
+"""ns after the last correction took effect until its source counts as lost."""
+_MOST = 100
+"""Corrections that may wait: 50 s of them at the rate of their source, ten times what may be ahead."""
 
 
 class Correction(NamedTuple):
-    """What the filter found: a state of the past to go on from.
+    """A corrected state of the past, from which the solution is re-integrated.
 
     Attributes
     ----------
     stamp_ns : int
         Of the state.
     apply_ns : int
-        Stamp of the sample with which it takes effect: live and over a recording at the same one.
+        Stamp of the sample with which it takes effect: the same one live and over a recording.
     state : NavState
     gyro_bias, accel_bias : 3 floats
         rad/s and m/s².
-    covariance : ndarray, shape (SOLUTION_SIZE, SOLUTION_SIZE)
-        Of the errors (`ins_nav.estimation.covariance_propagation.covariance_of`).
+    covariance : ndarray, shape (15, 15)
+        Of the errors, as `ins_nav.estimation.error_model` defines them.
     aligned : bool
         Fine alignment is done.
+    imu_errors : tuple of float
+        Further errors of the IMU that correct samples (`ins_nav.estimation.imu_error`); empty: none.
     """
 
     stamp_ns: int
@@ -40,65 +44,79 @@ class Correction(NamedTuple):
     accel_bias: tuple[float, float, float]
     covariance: NDArray[np.float64]
     aligned: bool
+    imu_errors: tuple[float, ...] = ()
 
 
 class CorrectionQueue:
-    """Correction that waits for its time.
+    """Corrections from one source that wait for their time.
 
     Parameters
     ----------
     events : EventLog
-        Where it is counted what is left out.
+        Counts what is rejected.
+    topic : str
+        Of the source, for people.
+
+    Attributes
+    ----------
+    corrected_ns : int
+        Stamp of the last state that a correction replaced; 0 for none.
     """
 
-    def __init__(self, events: EventLog) -> None:
+    def __init__(self, events: EventLog, topic: str) -> None:
         self._events = events
-        self._waiting: list[Correction] = []
-        self.followed_ns = 0
-        """Stamp of the last state gone on from; 0 for none."""
-        self._led_ns = 0
+        self._topic = topic
+        self.restart()
 
     def restart(self) -> None:
-        """The stamps have jumped."""
-        self._waiting.clear()
-        self.followed_ns = self._led_ns = 0
+        """Forget everything: the stamps have jumped."""
+        self._waiting: list[Correction] = []
+        self.corrected_ns = self._applied_ns = 0
 
     def clear(self) -> None:
-        """What waits is of no use any more."""
+        """Drop what waits."""
         self._waiting.clear()
 
-    def add(self, feedback: Correction, stamp_ns: int) -> bool:
-        """Take one at the stamp of the newest sample; False where it is left out."""
-        if feedback.stamp_ns > stamp_ns + _AHEAD_NS:
-            ahead = (feedback.stamp_ns - stamp_ns) * 1e-9
-            text = f"ins/feedback: {ahead:.1f} s ahead of imu/data_raw: left out"
-            self._events.count("feedback ahead", INFO, text, stamp_ns)
+    def add(self, correction: Correction, stamp_ns: int) -> bool:
+        """Queue a correction at the stamp of the newest sample; False where it is rejected.
+
+        One that is not newer than the last is rejected, so is one from before a restart.
+        """
+        if correction.stamp_ns > stamp_ns + _AHEAD_NS:
+            ahead = (correction.stamp_ns - stamp_ns) * 1e-9
+            text = f"{self._topic}: {ahead:.1f} s ahead of imu/data_raw: rejected"
+            self._events.count("correction ahead", INFO, text, stamp_ns)
             return False
-        if feedback.stamp_ns <= max(self.followed_ns, *(f.stamp_ns for f in self._waiting), 0):
-            text = "ins/feedback: older than the last, or repeated: left out"
-            self._events.count("feedback repeated", INFO, text, stamp_ns)
+        newest = max((waiting.stamp_ns for waiting in self._waiting), default=0)
+        if correction.stamp_ns <= max(self.corrected_ns, newest):
+            text = f"{self._topic}: not newer than the last: rejected"
+            self._events.count("correction repeated", INFO, text, stamp_ns)
             return False
-        self._waiting.append(feedback)
+        if len(self._waiting) == _MOST:
+            text = f"{self._topic}: {_MOST} corrections wait and none is due: the oldest is dropped"
+            self._events.count("corrections dropped", WARN, text, stamp_ns)
+            del self._waiting[0]
+        self._waiting.append(correction)
         return True
 
     def is_due(self, stamp_ns: int) -> bool:
         """Whether one takes effect with the sample of that stamp."""
         return bool(self._waiting) and self._waiting[0].apply_ns <= stamp_ns
 
-    def take(self, stamp_ns: int, history: ReplayBuffer) -> tuple[Correction, Entry] | None:
-        """The newest that is due, with the sample and the state it corrects; None where they are not remembered."""
-        due = (feedback for feedback in self._waiting if feedback.apply_ns <= stamp_ns)
-        newest = max(due, key=lambda feedback: feedback.stamp_ns)
-        self._waiting = [feedback for feedback in self._waiting if feedback.stamp_ns > newest.stamp_ns]
-        entry = history.at(newest.stamp_ns)
+    def pop(self, stamp_ns: int, buffer: ReplayBuffer) -> tuple[Correction, Entry] | None:
+        """The newest that is due, with the entry it corrects; None where the buffer has no entry of its stamp."""
+        due = (correction for correction in self._waiting if correction.apply_ns <= stamp_ns)
+        newest = max(due, key=lambda correction: correction.stamp_ns)
+        self._waiting = [correction for correction in self._waiting if correction.stamp_ns > newest.stamp_ns]
+        entry = buffer.at(newest.stamp_ns)
         if entry.stamp_ns != newest.stamp_ns:  # too old, or that sample was lost here
             age = (stamp_ns - newest.stamp_ns) * 1e-9
-            text = f"ins/feedback: of a time {age:.1f} s ago, of which nothing is remembered: left out"
-            self._events.count("feedback lost", WARN, text, stamp_ns)
+            text = f"{self._topic}: corrects a state {age:.1f} s ago, which is not in the replay buffer: rejected"
+            self._events.count("correction lost", WARN, text, stamp_ns)
             return None
-        self.followed_ns, self._led_ns = newest.stamp_ns, stamp_ns
+        self.corrected_ns, self._applied_ns = newest.stamp_ns, stamp_ns
         return newest, entry
 
-    def follows(self, stamp_ns: int) -> bool:
-        """Whether feedback has been coming lately."""
-        return stamp_ns - self._led_ns < _FOLLOWS_NS
+    def leads(self, stamp_ns: int) -> bool:
+        """Whether a correction took effect within the last 5 s."""
+        return self._applied_ns > 0 and stamp_ns - self._applied_ns < _LEADS_NS

@@ -1,15 +1,11 @@
-"""Fine alignment and aided navigation: the feedback Kalman filter around the mechanization, some seconds late.
+"""The filter: fine alignment and aided navigation behind the newest sample by a fixed delay.
 
-`DelayedNavigator` aligns like `RealtimeNavigator` and then runs its own mechanization a fixed time behind the newest
-sample: by then every aid's message has come, whatever way it took, and stops are certain (`calibration`). Aids are
-taken in the order of their stamps, each at its own stamp; after each the solution is corrected and the estimate is zero
-again, the covariance stays ([1]_). The result does not depend on when messages came, as long as they were not later
-than that.
+`DelayedNavigator` integrates samples when they are settled: by then the message of every aid has arrived, whatever its
+way, and stops are certain (`ins_nav.zupt.stationary_updates`). Observations are processed in the order of their stamps,
+each at its own stamp; after each the solution is corrected and the error estimate is zero again, the covariance stays
+([1]_). The result does not depend on the order of arrival.
 
-What it finds leaves as `Correction`: a state of the past, which `RealtimeNavigator.follow` goes on from.
-
-At stops the mean velocity over each second is zero, and yaw runs off by the drift alone: measurements like others
-(`ins_nav.zupt.stationary_updates`).
+A corrected state leaves as a `Correction`, from which `ins_nav.navigator.realtime` re-integrates the samples since.
 
 References
 ----------
@@ -27,107 +23,449 @@ from numpy.typing import NDArray
 
 from ins_nav.aiding.aid_queue import AidQueue
 from ins_nav.aiding.base import Aid, Observation, OwnStates, Record, Unusable
-from ins_nav.aiding.registry import create_aids
-from ins_nav.alignment.coarse_alignment import Alignment
-from ins_nav.alignment.initial_position import Place
+from ins_nav.alignment.fine_alignment import FineAlignment
 from ins_nav.config.parameters import Value
 from ins_nav.estimation import covariance_propagation
 from ins_nav.estimation.error_filter import ErrorFilter
+from ins_nav.estimation.error_model import Vector, rotation_matrix
+from ins_nav.estimation.imu_error import corrected
 from ins_nav.estimation.innovation_gate import GATE, PATIENCE
 from ins_nav.estimation.observation import Measurement, Solution
-from ins_nav.estimation.state_layout import HORIZONTAL_VELOCITY
-from ins_nav.event_log import INFO, WARN
-from ins_nav.mechanization import nav_state, strapdown
-from ins_nav.mechanization.replay_buffer import LENGTH_NS
+from ins_nav.estimation.state_layout import BIASES, HEADING
+from ins_nav.event_log import INFO, WARN, EventLog
+from ins_nav.mechanization import strapdown
+from ins_nav.mechanization.nav_state import NavState
+from ins_nav.mechanization.strapdown import Sample, without_bias
 from ins_nav.navigator.correction import Correction
-from ins_nav.navigator.realtime import Phase, RealtimeNavigator
+from ins_nav.navigator.front_end import Aligned, Biases, FrontEnd, Phase
 from ins_nav.stop_detection.detector import Change
-from ins_nav.zupt.calibration import SETTLE_NS
-from ins_nav.zupt.stationary_updates import StationaryUpdates
-from ins_nav.zupt.stop_records import Triple
+from ins_nav.zupt.stationary_updates import SETTLE_NS, StationaryUpdates
 
 Array = NDArray[np.float64]
 
 _BATCH_NS = 100_000_000
-"""ns between two propagations of the covariance, and between two looks at what has become certain."""
+"""ns of samples that are integrated, and over which the covariance is propagated, at a time."""
 _EMIT_NS = 500_000_000
-"""ns between two feedbacks at least, where there is news; twice that where there is none."""
-_MISSED = 30.0
-"""s without an accepted message of an aid that are worth a warning."""
+"""ns between two corrections at least, after an accepted measurement; twice that without one."""
 _SAME_NS = 1_000_000_000
 """ns by which two alignments may begin apart and be the same."""
+_ALONE_NS = 60_000_000_000
+"""ns without an accepted message of an aid, after which nothing but stops measures velocity."""
 _TYPICAL_NOISE = (math.radians(0.1) / 60.0, 1e-3)
-"""rad/√s and m/s/√s: of a tactical IMU, where it could not be learnt at rest."""
+"""rad/√s and m/s/√s: of a tactical IMU, where it was not estimated at rest."""
 
 
-class DelayedNavigator(RealtimeNavigator):
-    """A navigator with the filter; ``state`` and ``settled_ns`` lag behind the samples.
+class DelayedNavigator:
+    """The filter, with a mechanization of its own; ``state`` lags behind the samples.
 
     Parameters
     ----------
-    overrides : mapping
-        Parameters that differ from their defaults, by full name.
+    front_end : FrontEnd
+    aids : mapping of name to Aid
+        Sources of measurements; without any, stops alone are measured, and corrections leave only after a measurement.
 
     Attributes
     ----------
+    state : NavState or None
+        At ``settled_ns``; None without a filter.
     settled_ns : int
         Stamp of ``state``; 0 before there is one: older observations are too late.
+    gyro_bias, accel_bias : 3 floats
+        In use, rad/s and m/s².
     filter : ErrorFilter or None
-        None until coarse alignment is done.
+        None until coarse alignment is done, and while suspended.
     records : dict of name to Record
         Of the aids and of stops.
-
-    Raises
-    ------
-    ParameterError
     """
 
-    def __init__(self, overrides: Mapping[str, object] | None = None) -> None:
-        self.filter: ErrorFilter | None = None
-        super().__init__(overrides)
-        aiding, alignment = self.configuration.aiding, self.configuration.alignment
-        self._lag_ns = max(SETTLE_NS, aiding.max_delay_ns)
-        self._apply_ns = aiding.feedback_time_ns
-        self._fine_stddev = alignment.fine_heading
-        self._fine_time = alignment.fine_duration
-        self._until_aligned = aiding.until_aligned
-        self._stops = StationaryUpdates(self.configuration.imu, aiding, self.events)
-
-    def _begin(self) -> None:
-        self.filter = None
-        self._aids: dict[str, Aid[Any]] = create_aids(self.configuration.values)
-        self._aid_queue = AidQueue(self._aids, self.events)
+    def __init__(self, front_end: FrontEnd, aids: Mapping[str, Aid[Any]]) -> None:
+        self.front_end = front_end
+        known = front_end.configuration
+        self._lag_ns = max(SETTLE_NS, known.aiding.max_delay_ns)
+        self._apply_ns = known.aiding.feedback_time_ns
+        self._fine = FineAlignment(known.alignment)
+        self._until_aligned = known.aiding.until_aligned
+        self._aids = dict(aids)
+        self._aid_queue = AidQueue(self._aids, front_end.events)
+        self._stationary = StationaryUpdates(known.imu, known.zupt, known.aiding, front_end.events)
         self._calibrated: dict[str, list[tuple[float, float]]] = {}
-        super()._begin()
-        self._out: list[Correction] = []
+        self._noise = _TYPICAL_NOISE
+        self._restarts = -1
         self._placed = False
-        self._recent: deque[tuple[int, strapdown.Sample]] = deque()
-
-    def _align(self) -> None:
-        super()._align()
-        for aid in self._accepted_aids():  # how units are mounted stays
-            self._calibrated[aid.name] = self.own_states(aid.name)[: aid.CALIBRATED]
-        self.filter = None
-        self.settled_ns = self._began_ns = 0
-        self._aid_queue.restart()
+        self.filter: ErrorFilter | None = None
+        self.state: NavState | None = None
         self.records: dict[str, Record] = {}
-        self._pending: deque[tuple[int, strapdown.Sample]] = deque()
-        self._filtered_ns = self._emitted_ns = self._first_ns = 0
-        self._taken_ns: dict[str, int] = {}
+        self.end()
+        front_end.listeners.append(self)
+
+    # --- what the front end calls
+
+    def end(self) -> None:
+        """Alignment starts again."""
+        restarted = self.front_end.restarts != self._restarts
+        self._restarts = self.front_end.restarts
+        for aid in [] if restarted else self._accepted_aids():  # how units are mounted stays
+            self._calibrated[aid.name] = self.own_states(aid.name)[: aid.CALIBRATED]
+        if restarted:
+            self._calibrated.clear()
+            self._placed = False
+        self.filter = self.state = None
+        self.settled_ns = self._began_ns = 0
+        self.gyro_bias, self.accel_bias, _ = self.front_end.biases
+        self._aid_queue.restart()
+        self.records = {}
+        self._pending: deque[tuple[int, Sample]] = deque()
+        self._out: list[Correction] = []
+        self._last_ns: dict[str, int] = {}
+        self._filtered_ns = self._emitted_ns = self._aided_ns = 0
+        self._aligned = False
         self._fine_before = 0.0
         self._news = False
 
-    def add(self, topic: str, message: Any) -> None:
-        """Add a message of an aid: for the place to align at, as in `RealtimeNavigator.add`, and for the filter."""
-        observation = self._aid_queue.add(topic, message, self.stamp_ns, self.settled_ns)
-        if topic in self.position_aids:
-            self._align_at(self.position_aids[topic], observation)
+    def begin(self, aligned: Aligned) -> None:
+        """Start the filter from the first solution."""
+        self.gyro_bias, self.accel_bias, _ = aligned.biases
+        self._noise = aligned.noise
+        self._fine_before = self.front_end.duration
+        self._start(aligned.stamp_ns, aligned.state, aligned.raw, aligned.covariance, not self._aids, ())
+        detector = self.front_end.detector
+        if detector.stopped and detector.since_ns <= aligned.stamp_ns - aligned.cone.time * 1e9 + _SAME_NS:
+            heading = float(aligned.covariance[HEADING, HEADING]) if aligned.heading_given else math.inf
+            self._stationary.include(aligned.state, aligned.biases, aligned.cone, heading)
+
+    def advance(self, stamp_ns: int, raw: Sample, change: Change | None) -> None:
+        """Queue a sample until it is settled; see `front_end.Listener`."""
+        if self.filter is None:
+            return
+        if change is not None:
+            self._stationary.change(change)
+        self._pending.append((stamp_ns, raw))
+        if stamp_ns - self.settled_ns >= self._lag_ns + _BATCH_NS:
+            self._settle(stamp_ns - self._lag_ns)
+            self._emit()
+
+    # --- what else comes in
+
+    def add(self, topic: str, message: Any) -> Observation | None:
+        """Add a message of an aid; also returned where the filter does not use it.
+
+        Parameters
+        ----------
+        topic : str
+        message : message
+            Of one of the aid's types (`ins_nav.aiding.base.Aid.MESSAGE_TYPES`).
+        """
+        return self._aid_queue.add(topic, message, self.front_end.stamp_ns, self.settled_ns)
+
+    @property
+    def solution(self) -> tuple[NavState, Biases, Array] | tuple[None, None, None]:
+        """State, biases and covariance, shape (15, 15), at ``settled_ns``; None each without a filter."""
+        if self.filter is None or self.state is None:
+            return None, None, None
+        covariance = covariance_propagation.covariance_of(self.filter)
+        return self.state, Biases(self.gyro_bias, self.accel_bias, covariance[BIASES, BIASES]), covariance
+
+    def call_zupt(self, stamp_ns: int) -> None:
+        """A ZUPT service was called at this stamp: without zero velocity updates, the stop is measured now."""
+        if self.filter is not None:
+            self._stationary.call(stamp_ns)
+
+    def adopt(self, solution: Correction, aligned_ns: int) -> bool:
+        """Start from the solution of another process that aligned before this one began; False where it is not used.
+
+        Parameters
+        ----------
+        solution : Correction
+        aligned_ns : int
+            Stamp at which its alignment ended.
+        """
+        front_end = self.front_end
+        began_ns = aligned_ns - round(front_end.duration * 1e9)
+        if self.filter is not None or began_ns > front_end.first_ns - _SAME_NS or not self.resume(solution):
+            return False
+        front_end.adopt(solution.state, aligned_ns)
+        self._fine_before = (aligned_ns - solution.stamp_ns) * 1e-9
+        self.events.report(INFO, "starts from the solution of ins_node")
+        return True
+
+    def resume(self, solution: Correction) -> bool:
+        """Start from a solution of the last seconds; False where there is no sample of its stamp."""
+        recent = list(self.front_end.recent)
+        stamps = [stamp_ns for stamp_ns, _ in recent]
+        if solution.stamp_ns not in stamps:
+            return False
+        now = stamps.index(solution.stamp_ns)
+        self.gyro_bias, self.accel_bias = solution.gyro_bias, solution.accel_bias
+        self._placed = True
+        raw, errors = recent[now][1], solution.imu_errors
+        self._start(solution.stamp_ns, solution.state, raw, solution.covariance, solution.aligned, errors)
+        self._pending.extend(recent[now + 1 :])
+        return True
+
+    def suspend(self) -> None:
+        """Stop the filter: another process leads, until `resume`."""
+        self.filter = self.state = None
+        self.settled_ns = 0
+        self._pending.clear()
+        self._out.clear()
+
+    def drain(self) -> list[Correction]:
+        """Corrections since the last call, oldest first."""
+        out, self._out = self._out, []
+        return out
+
+    # --- the filter
+
+    def _start(
+        self,
+        stamp_ns: int,
+        state: NavState,
+        raw: Sample,
+        covariance: Array,
+        aligned: bool,
+        imu_errors: tuple[float, ...],
+    ) -> None:
+        """Start the filter; its covariance on n (`covariance_propagation.covariance_of`), errors of the IMU in use."""
+        known = self.front_end.configuration
+        model = covariance_propagation.error_model(known, self._noise)
+        own = {name: aid.states for name, aid in self._aids.items() if aid.states and aid.parameters.enabled}
+        for name in self._calibrated.keys() & own.keys():
+            found = self._calibrated[name]
+            kept = [replace(s, value=x, stddev=stddev) for s, (x, stddev) in zip(own[name], found, strict=False)]
+            own[name] = (*kept, *own[name][len(kept) :])
+        self.filter = covariance_propagation.filter_of(model, covariance, own)
+        size = model.imu_errors.size
+        self._imu_errors_before = np.array(imu_errors) if len(imu_errors) == size else np.zeros(size)
+        self._correction = model.imu_errors.correction(self._imu_errors_before)
+        self.state = self._filtered = state
+        self._before = raw
+        self._aligned = aligned
+        self.settled_ns = self._filtered_ns = self._emitted_ns = self._began_ns = stamp_ns
+        self._pending.clear()
+        self._aid_queue.begin(stamp_ns)
+        detector = self.front_end.detector
+        self._stationary.begin(detector.since_ns if detector.stopped else None)
+
+    def _settle(self, until_ns: int) -> None:
+        """Integrate the samples up to a stamp, with the observations between them."""
+        pending, queue, is_long_gap = self._pending, self._aid_queue, self.front_end.is_long_gap
+        while pending and pending[0][0] <= until_ns:
+            next_ns, block = queue.next_ns, []
+            stationary = self._stationary.is_active(pending[0][0])
+            while pending and pending[0][0] <= until_ns and pending[0][0] < next_ns and not is_long_gap(pending[0][1]):
+                block.append(pending.popleft())
+                if stationary:
+                    break
+            if not block:  # observations come first, and before each the uncertainty of the gap that it lies in
+                stamp_ns, raw = pending.popleft()
+                errors = self.front_end.gap_errors(self._before, raw) if is_long_gap(raw) else None
+                widened_ns = self.settled_ns
+                for observation in queue.until(stamp_ns):
+                    if errors is not None:
+                        self._widen(errors, (observation.stamp_ns - widened_ns) * 1e-9, raw[0])
+                        widened_ns = max(widened_ns, observation.stamp_ns)
+                    self._observe(observation, raw)
+                if errors is not None:
+                    self._widen(errors, (stamp_ns - widened_ns) * 1e-9, raw[0])
+                block = [(stamp_ns, raw)]
+            self._integrate(block)
+        self._propagate()
+        self._end_fine_alignment()
+
+    def _integrate(self, block: list[tuple[int, Sample]]) -> None:
+        """Integrate samples without a correction between them."""
+        assert self.state is not None
+        front_end = self.front_end
+        before, *samples = self._before, *(sample for _, sample in block)
+        if self._correction is not None:
+            before, *samples = (corrected(self._correction, sample) for sample in (before, *samples))
+        self.settled_ns, self._before = block[-1]
+        states = strapdown.integrate(
+            self.state,
+            before,
+            np.array(samples),
+            self.gyro_bias,
+            self.accel_bias,
+            instantaneous=front_end.instantaneous,
+            vertical=front_end.vertical,
+            water_surface=front_end.water_surface,
+        )
+        self.state = NavState._make(states[-1].tolist())
+        if len(block) == 1:
+            self._measure_stop(before, samples[0])
+
+    def _widen(self, errors: tuple[Array, Array], time: float, gap: float) -> None:
+        """Widen by the errors (`FrontEnd.gap_errors`) of a part of a gap, s: they grow as a random walk."""
+        if time > 0.0:
+            assert self.filter is not None and self.state is not None
+            self._propagate()
+            squares = np.square(rotation_matrix(self.state[0:4]))
+            turn, speed = (np.sqrt(squares @ np.square(error) * (time / gap)) for error in errors)
+            self.filter.disturb(turn, speed, time * speed)
+
+    def _propagate(self) -> None:
+        """Propagate the covariance to the present state."""
+        if self.settled_ns > self._filtered_ns:
+            assert self.filter is not None and self.state is not None
+            self.filter.propagate(self._filtered, self.state, (self.settled_ns - self._filtered_ns) * 1e-9)
+            self._filtered, self._filtered_ns = self.state, self.settled_ns
+
+    def _rate(self, after: float, raw: Sample) -> Vector:
+        """Angular rate so long after the settled sample, s, of which ``raw`` is the next: means are of the middles."""
+        first, second, share = self._before, raw, after / raw[0]
+        if not self.front_end.instantaneous:
+            share += 0.5
+            if share > 1.0 and self._pending:
+                first, second, share = raw, self._pending[0][1], share - 1.0
+        one, other = (self._corrected(sample)[1:4] for sample in (first, second))
+        x, y, z = (a + min(share, 1.0) * (b - a) for a, b in zip(one, other, strict=True))
+        return x, y, z
+
+    def _corrected(self, raw: Sample) -> Sample:
+        """A sample without the errors in use."""
+        return without_bias(corrected(self._correction, raw), self.gyro_bias, self.accel_bias)
+
+    def _observe(self, observation: Observation, raw: Sample) -> None:
+        """Process an observation between the settled sample and the next."""
+        aid, front_end = self._aids[observation.aid], self.front_end
+        if self._until_aligned and self.phase is Phase.NAVIGATING:
+            return
+        if self._last_ns.get(aid.name) == observation.stamp_ns:
+            text = f"{aid.topic}: a stamp repeated, rejected"
+            self.events.count(f"{aid.name} repeated", INFO, text, observation.stamp_ns)
+            return
+        self._last_ns[aid.name] = observation.stamp_ns
+        assert self.filter is not None and self.state is not None
+        self._propagate()
+        after = (observation.stamp_ns - self.settled_ns) * 1e-9
+        state = self.state
+        if after > 0.0:
+            part = (after, *self._corrected(raw)[1:])
+            before = self._corrected(self._before)
+            state = strapdown.step(
+                state, before, part, front_end.instantaneous, front_end.vertical, front_end.water_surface
+            )
+        now_ns = max(observation.stamp_ns, self.settled_ns)
+        names = (aid.name, aid.shares)
+        own = OwnStates(self.filter.own(*names), self.filter.own_covariance(*names))
+        solution = self.filter.solution(state, self._rate(max(0.0, after), raw), self.gyro_bias, now_ns)
+        try:
+            measurement = aid.measure(solution, own, observation)
+        except Unusable as reason:
+            text = f"{aid.topic}: {reason}"
+            self.events.count(f"{aid.name} {reason.kind}", reason.level, text, observation.stamp_ns)
+            return
+        if measurement is not None:
+            record = self._record(aid.name)
+            patience = aid.patience(observation, record.accepted > 0, self._placed)
+            accepted = self._update(aid.name, now_ns, measurement, aid.parameters.gate, patience)
+            self._placed = self._placed or (aid.GIVES_POSITION and accepted)
+            if accepted and measurement.direct is not None:
+                self._aided_ns = now_ns
+
+    def _measure_stop(self, before: Sample, raw: Sample) -> None:
+        """Process the settled sample as one of a stop, where it is one."""
+        assert self.filter is not None and self.state is not None
+        biases = self.gyro_bias, self.accel_bias
+        for name, measure in self._stationary.add(self.settled_ns, before, raw, self.state, biases, self.filter.p):
+            self._propagate()
+            measurement = measure(self._solution(raw))
+            if self.settled_ns - self._aided_ns > _ALONE_NS and self.filter.admit(measurement):
+                text = f"{name}: the solution was wrong by more than its sigma, which is widened"
+                self.events.count("stops contradict the filter", WARN, text, self.settled_ns)
+            self._update(name, self.settled_ns, measurement)
+
+    def _solution(self, raw: Sample) -> Solution:
+        assert self.filter is not None and self.state is not None
+        rate = without_bias(raw, self.gyro_bias, self.accel_bias)[1:4]
+        return self.filter.solution(self.state, rate, self.gyro_bias)
+
+    def _update(
+        self, name: str, stamp_ns: int, measurement: Measurement, gate: float = GATE, patience: float = PATIENCE
+    ) -> bool:
+        """Update the filter, correct the solution; whether the measurement was accepted."""
+        assert self.filter is not None and self.state is not None
+        update = self.filter.update(name, stamp_ns, measurement, gate, patience)
+        self.records.setdefault(name, Record()).count(update)
+        aid = self._aids.get(name)  # none for a measurement at a stop
+        topic = name if aid is None else aid.topic
+        if not update.accepted:
+            size = max(map(abs, update.innovation))
+            text = f"{topic}: {update.reason}: off by {size:.3g}, test ratio {update.test_ratio:.1f}"
+            self.events.count(f"{name} rejected", INFO, text, stamp_ns)
+            return False
+        if update.reason:
+            text = f"{topic}: accepted {update.reason} (test ratio {update.test_ratio:.1f}): "
+            if measurement.direct is not None:
+                text += "the solution was wrong by more than its sigma"
+            elif aid is not None:
+                text += aid.CHANGED
+            self.events.report(WARN, text)
+        before, bias = self.state, self.gyro_bias
+        self.state, self.gyro_bias, self.accel_bias = self.filter.feed_back(before, bias, self.accel_bias)
+        self._correction = self.filter.model.imu_errors.correction(self.imu_errors)
+        self._filtered = self.state
+        self._news = True
+        self._stationary.corrected(before, self.state, np.subtract(self.gyro_bias, bias))
+        for other in self._aids.values():
+            other.corrected(before, self.state)
+        return True
+
+    # --- what goes out
+
+    def _end_fine_alignment(self) -> None:
+        if self._aligned or self.filter is None:
+            return
+        stddev, time = self.filter.heading_stddev, self.fine_time
+        reason = self._fine.end(stddev, time)
+        if reason:
+            self._aligned = self._news = True
+            text = f"fine alignment ended after {time:.0f} s: heading sigma {math.degrees(stddev):.3f}°, {reason}"
+            self.events.report(INFO, text)
+
+    def _emit(self) -> None:
+        """Let a correction leave, when it is due."""
+        since = self.settled_ns - self._emitted_ns
+        if since < (_EMIT_NS if self._news else 2 * _EMIT_NS) or not (self._news or self._aids):
+            return
+        assert self.filter is not None and self.state is not None
+        self._emitted_ns, self._news = self.settled_ns, False
+        apply_ns, biases = self.front_end.stamp_ns + self._apply_ns, (self.gyro_bias, self.accel_bias)
+        covariance = covariance_propagation.covariance_of(self.filter)
+        state = self.settled_ns, apply_ns, self.state
+        self._out.append(Correction(*state, *biases, covariance, self._aligned, self.imu_errors))
+
+    @property
+    def imu_errors(self) -> tuple[float, ...]:
+        """Further errors of the IMU in use (`ins_nav.estimation.imu_error`); empty without a filter."""
+        return () if self.filter is None else tuple((self._imu_errors_before + self.filter.imu_errors).tolist())
+
+    @property
+    def events(self) -> EventLog:
+        """Of the front end."""
+        return self.front_end.events
+
+    @property
+    def phase(self) -> Phase:
+        """Present phase."""
+        return Phase.FINE if self.filter is not None and not self._aligned else self.front_end.phase
+
+    @property
+    def fine_time(self) -> float:
+        """Time since the first sample of alignment, or since an unfinished one was adopted, s."""
+        return self._fine_before + (self.settled_ns - self.front_end.aligned_ns) * 1e-9
+
+    @property
+    def time_left(self) -> float:
+        """Predicted time to the end of fine alignment, s."""
+        if self.phase is not Phase.FINE or self.filter is None:
+            return 0.0
+        return self._fine.time_left(self.filter.heading_stddev, self.fine_time)
 
     def _accepted_aids(self) -> list[Aid[Any]]:
         """Those of which a measurement was accepted since alignment, and which calibrate their unit."""
-        if self.filter is None:
-            return []
-        return [aid for name, aid in self._aids.items() if aid.CALIBRATED and self._record(name).accepted]
+        aids = self._aids.items() if self.filter is not None else ()
+        return [aid for name, aid in aids if aid.CALIBRATED and self._record(name).accepted]
 
     def _record(self, name: str) -> Record:
         return self.records.get(name, Record())
@@ -140,7 +478,7 @@ class DelayedNavigator(RealtimeNavigator):
         return list(zip(self.filter.own(name).tolist(), self.filter.own_stddev(name).tolist(), strict=True))
 
     @property
-    def found_calibration(self) -> dict[str, Value]:
+    def calibration(self) -> dict[str, Value]:
         """Parameters that aids have calibrated, of those which had a measurement accepted."""
         found: dict[str, Value] = {}
         for aid in self._accepted_aids():
@@ -156,293 +494,6 @@ class DelayedNavigator(RealtimeNavigator):
         if self.filter is None or (self._until_aligned and self.phase is Phase.NAVIGATING):
             return []
         enabled = [aid for aid in self._aids.values() if aid.parameters.enabled]
-        found = ((aid, self._missed(aid)) for aid in enabled)
+        heard = self._aid_queue.heard
+        found = ((a, self._record(a.name).fault(a, a.name in heard, self.settled_ns, self._began_ns)) for a in enabled)
         return [f"{aid.topic}: {text}" for aid, text in found if text]
-
-    def _missed(self, aid: Aid[Any]) -> str:
-        record, heard = self._record(aid.name), aid.name in self._aid_queue.heard
-        taken_ns = record.last.stamp_ns if record.last is not None else 0
-        silent, out = ((self.settled_ns - max(ns, self._began_ns)) * 1e-9 for ns in (taken_ns, record.accepted_ns))
-        usual = max(_MISSED, 5.0 * record.interval)
-        if silent > usual and heard and not aid.MAY_BE_SILENT:
-            return f"nothing usable for {silent:.0f} s"
-        if silent > usual and not heard and aid.EXPECTED:
-            return "never heard"
-        if record.last is not None and silent <= usual < out:
-            return f"{record.last.reason} for {out:.0f} s: check its sigma, lever arm and clock"
-        return ""
-
-    def call_zupt(self, stamp_ns: int) -> None:
-        """A ZUPT service was called at this stamp; what the stop shows is taken where the policy says so."""
-        if self.filter is not None:
-            self._stops.call(stamp_ns)
-
-    def _known(self) -> Array:
-        return super()._known() if self.filter is None else covariance_propagation.covariance_of(self.filter)
-
-    def drain(self) -> list[Correction]:
-        """Correction not yet taken, oldest first."""
-        out, self._out = self._out, []
-        return out
-
-    # --- what is done with it
-
-    def _navigate(self, alignment: Alignment, place: Place) -> None:
-        super()._navigate(alignment, place)
-        self._noise = alignment.gyro_noise, alignment.accel_noise
-        self._fine_before = self._duration
-        self._filter_from(self.accuracy.covariance, self.stamp_ns)
-        self._before = self._raw
-
-    def adopt(self, feedback: Correction, aligned_ns: int) -> bool:
-        """Go on from the solution of a navigator that aligned before this one began; whether that was taken.
-
-        Parameters
-        ----------
-        feedback : Correction
-            Its solution.
-        aligned_ns : int
-            Stamp at which its alignment ended.
-        """
-        began_ns = aligned_ns - round(self._duration * 1e9)
-        if self.filter is not None or began_ns > self._first_ns - _SAME_NS:
-            return False
-        recent = list(self._recent)
-        stamps = [stamp_ns for stamp_ns, _ in recent]
-        if feedback.stamp_ns not in stamps:
-            return False  # older than what is known here, or newer, or of a sample that was lost
-        now = stamps.index(feedback.stamp_ns)
-        self.state, self.gyro_bias, self.accel_bias = feedback.state, feedback.gyro_bias, feedback.accel_bias
-        self._placed = True  # before
-        where = nav_state.geodetic(self.state)
-        self.map = self.map or nav_state.MapFrame(where.lat, where.lon, where.height)
-        self.aligned_ns = aligned_ns
-        self.changes += 1
-        self._noise = _TYPICAL_NOISE
-        self._filter_from(feedback.covariance, feedback.stamp_ns)
-        if feedback.aligned:
-            self.phase = Phase.NAVIGATING
-        else:
-            self._fine_before = (aligned_ns - feedback.stamp_ns) * 1e-9
-        self._before = recent[now][1]
-        self._pending.extend(recent[now + 1 :])
-        self.events.report(INFO, "goes on from the solution of ins_node")
-        return True
-
-    def _filter_from(self, covariance: Array, stamp_ns: int) -> None:
-        """Start the filter at the present state; its covariance on n."""
-        model = covariance_propagation.error_model(self.configuration, self._noise)
-        own = {name: aid.states for name, aid in self._aids.items() if aid.states and aid.parameters.enabled}
-        for name in self._calibrated.keys() & own.keys():
-            found = self._calibrated[name]
-            kept = [replace(s, value=x, stddev=stddev) for s, (x, stddev) in zip(own[name], found, strict=False)]
-            own[name] = (*kept, *own[name][len(kept) :])
-        self.filter = covariance_propagation.filter_of(model, covariance, own)
-        self.phase = Phase.FINE
-        self._filtered = self.state
-        self.settled_ns = self._filtered_ns = self._emitted_ns = self._began_ns = stamp_ns
-        self._aid_queue.begin(stamp_ns)
-        detector = self.stops.detector
-        self._stops.begin(detector.since_ns if detector.stopped else None)
-
-    def _take(self, stamp_ns: int, from_imu: strapdown.Sample) -> bool:
-        self._first_ns = self._first_ns or stamp_ns
-        new = super()._take(stamp_ns, from_imu)
-        recent = self._recent
-        recent.append((stamp_ns, self._raw))
-        while recent[0][0] < stamp_ns - LENGTH_NS:
-            recent.popleft()
-        return new
-
-    def _advance(
-        self,
-        stamp_ns: int,
-        raw: strapdown.Sample,
-        previous: strapdown.Sample,
-        sample: strapdown.Sample,
-        change: Change | None,
-    ) -> bool:
-        """Keep the sample until it is settled; there is no solution of the present."""
-        if change is not None:
-            self._stops.notice(change)
-        self._pending.append((stamp_ns, raw))
-        if stamp_ns - self.settled_ns >= self._lag_ns + _BATCH_NS:
-            self._settle(stamp_ns - self._lag_ns)
-            self._emit()
-        return False
-
-    def _settle(self, until_ns: int) -> None:
-        pending = self._pending
-        while pending and pending[0][0] <= until_ns:
-            stamp_ns, raw = pending.popleft()
-            for observation in self._aid_queue.until(stamp_ns):
-                self._take_aid(observation, raw)
-            assert self.state is not None
-            sample = self._without_bias(raw)
-            before = self._without_bias(self._before)
-            self.state = strapdown.step(self.state, before, sample, self._instantaneous, self._vertical)
-            self.settled_ns = stamp_ns
-            if self._is_long_gap(raw):
-                self._bridged(raw)
-            self._rest(raw)
-            self._before = raw
-        self._propagate()
-        self._watch()
-
-    def _bridged(self, raw: strapdown.Sample) -> None:
-        """What a gap may have hidden: as much as rates and forces change within its length at other times."""
-        assert self.filter is not None
-        self._propagate()
-        samples = np.array([sample for _, sample in self._recent])
-        whole = samples[samples[:, 0] <= self.stream.regular, 1:]
-        lag = min(max(1, round(raw[0] / float(np.median(samples[:, 0])))), len(whole) // 2)
-        changes = np.abs(np.vstack([whole[lag:] - whole[: len(whole) - lag], np.subtract(raw, self._before)[None, 1:]]))
-        turn, speed = (0.5 * raw[0] * float(changes[:, i : i + 3].max()) for i in (0, 3))
-        self.filter.disturb(turn, speed, raw[0] * speed)
-
-    def _propagate(self) -> None:
-        """Bring the covariance to the present state."""
-        if self.settled_ns > self._filtered_ns:
-            assert self.filter is not None and self.state is not None and self._filtered is not None
-            self.filter.propagate(self._filtered, self.state, (self.settled_ns - self._filtered_ns) * 1e-9)
-            self._filtered, self._filtered_ns = self.state, self.settled_ns
-
-    def _solution(self, state: nav_state.NavState, raw: strapdown.Sample) -> Solution:
-        assert self.filter is not None
-        return self.filter.solution(state, self._without_bias(raw)[1:4], self.gyro_bias)  # type: ignore[arg-type]
-
-    def _rate(self, after: float, raw: strapdown.Sample) -> Triple:
-        """Angular rate so long after the settled sample, s, of which ``raw`` is the next: means are of the middles."""
-        first, second, share = self._before, raw, after / raw[0]
-        if not self._instantaneous:
-            share += 0.5
-            if share > 1.0 and self._pending:
-                first, second, share = raw, self._pending[0][1], share - 1.0
-        x, y, z = (a + min(share, 1.0) * (b - a) for a, b in zip(first[1:4], second[1:4], strict=True))
-        gx, gy, gz = self.gyro_bias
-        return x - gx, y - gy, z - gz
-
-    def _take_aid(self, observation: Observation, raw: strapdown.Sample) -> None:
-        """An observation between the settled sample and the next."""
-        aid = self._aids[observation.aid]
-        if self._until_aligned and self.phase is Phase.NAVIGATING:
-            return
-        if self._taken_ns.get(aid.name) == observation.stamp_ns:
-            text = f"{aid.topic}: a stamp repeated, rejected"
-            self.events.count(f"{aid.name} repeated", INFO, text, observation.stamp_ns)
-            return
-        self._taken_ns[aid.name] = observation.stamp_ns
-        assert self.filter is not None and self.state is not None
-        self._propagate()
-        after = (observation.stamp_ns - self.settled_ns) * 1e-9
-        state = self.state
-        if after > 0.0:
-            part = (after, *self._without_bias(raw)[1:])
-            state = strapdown.step(state, self._without_bias(self._before), part, self._instantaneous, self._vertical)
-        now_ns = max(observation.stamp_ns, self.settled_ns)
-        names = (aid.name, aid.shares)
-        own = OwnStates(self.filter.own(*names), self.filter.own_covariance(*names))
-        solution = self.filter.solution(state, self._rate(max(0.0, after), raw), self.gyro_bias, now_ns)
-        try:
-            measurement = aid.measure(solution, own, observation)
-        except Unusable as reason:
-            text = f"{aid.topic}: {reason}"
-            self.events.count(f"{aid.name} {reason.kind}", reason.level, text, observation.stamp_ns)
-            return
-        if measurement is not None:
-            patience = aid.patience(observation, self._record(aid.name).accepted > 0, self._placed)
-            self._update(aid.name, now_ns, measurement, aid.parameters.gate, patience)
-            self._placed = self._placed or (aid.GIVES_POSITION and self._record(aid.name).accepted > 0)
-
-    def _update(
-        self, name: str, stamp_ns: int, measurement: Measurement, gate: float = GATE, patience: float = PATIENCE
-    ) -> None:
-        assert self.filter is not None and self.state is not None
-        update = self.filter.update(name, stamp_ns, measurement, gate, patience)
-        self.records.setdefault(name, Record()).count(update)
-        aid = self._aids.get(name)  # none for a measurement at a stop
-        topic = name if aid is None else aid.topic
-        if not update.accepted:
-            size = max(map(abs, update.innovation))
-            self.events.count(
-                f"{name} rejected",
-                INFO,
-                f"{topic}: {update.reason}: off by {size:.2f}, test ratio {update.test_ratio:.1f}",
-                stamp_ns,
-            )
-            return
-        if update.reason:
-            text = f"{topic}: accepted {update.reason} (test ratio {update.test_ratio:.1f}): "
-            if measurement.direct is not None:
-                text += "the solution was wrong by more than its sigma"
-            elif aid is not None:
-                text += aid.CHANGED
-            self.events.report(WARN, text)
-        before = self.state
-        self.state, gyro, accel = self.filter.feed_back(before, self.gyro_bias, self.accel_bias)  # type: ignore[arg-type]
-        self._filtered, self.gyro_bias, self.accel_bias = self.state, gyro, accel
-        self._news = True
-        self._stops.corrected(before, self.state)  # type: ignore[arg-type]
-        for other in self._aids.values():
-            other.corrected(before, self.state)
-
-    def _rest(self, raw: strapdown.Sample) -> None:
-        """The settled sample, where it is one of a stop."""
-        assert self.filter is not None and self.state is not None
-        speed_stddev = math.sqrt(self.filter.p.diagonal()[HORIZONTAL_VELOCITY].sum())
-        biases = self.gyro_bias, self.accel_bias
-        measured = self._stops.add(self.settled_ns, self._before, raw, self.state, biases, speed_stddev)  # type: ignore[arg-type]
-        for name, measure in measured:
-            self._propagate()
-            self._update(name, self.settled_ns, measure(self._solution(self.state, raw)))
-
-    # --- what goes out
-
-    def _watch(self) -> None:
-        """Fine alignment ends."""
-        if self.phase is not Phase.FINE or self.filter is None:
-            return
-        stddev, time = self.filter.heading_stddev, self.fine_time
-        if stddev > self._fine_stddev and time < self._fine_time:
-            return
-        self.phase = Phase.NAVIGATING
-        why = "its target" if stddev <= self._fine_stddev else f"alignment.fine_duration ({self._fine_time:g} s)"
-        self.events.report(
-            INFO, f"fine alignment ended after {time:.0f} s: heading sigma {math.degrees(stddev):.3f}°, {why} reached"
-        )
-        self._news = True
-
-    @property
-    def fine_time(self) -> float:
-        """Time since the first sample of alignment, or since it was taken up unfinished, s."""
-        return self._fine_before + (self.settled_ns - self.aligned_ns) * 1e-9
-
-    @property
-    def time_left(self) -> float:
-        """Time to the end of fine alignment, s, if sigma goes on falling with the power 3/2 of time."""
-        if self.phase is not Phase.FINE or self.filter is None:
-            return 0.0
-        left = self._fine_time - self.fine_time
-        if self._fine_stddev > 0.0:
-            ratio = max(1.0, self.filter.heading_stddev / self._fine_stddev)
-            left = min(left, self.fine_time * (ratio ** (2.0 / 3.0) - 1.0))
-        return max(0.0, left)
-
-    def _emit(self) -> None:
-        """Correction, where it is due."""
-        since = self.settled_ns - self._emitted_ns
-        if since < (_EMIT_NS if self._news else 2 * _EMIT_NS):
-            return
-        assert self.filter is not None and self.state is not None
-        self._emitted_ns, self._news = self.settled_ns, False
-        self._out.append(
-            Correction(
-                self.settled_ns,
-                self.stamp_ns + self._apply_ns,
-                self.state,
-                self.gyro_bias,  # type: ignore[arg-type]
-                self.accel_bias,  # type: ignore[arg-type]
-                self._known(),
-                self.phase is Phase.NAVIGATING,
-            )
-        )

@@ -2,10 +2,11 @@
 
 Aligns (standing or rocking, no initial angle), then navigates free inertial at the rate of the IMU; corrects velocity
 at stops, and calibrates its gyros there on request (services zupt1 and zupt2). A thin translator:
-`ins_nav.navigator.realtime.RealtimeNavigator` does the work.
+`ins_nav.navigator.system.NavigationSystem` does the work.
 """
 
 import sys
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any
 
@@ -21,16 +22,21 @@ from std_srvs.srv import Trigger
 from ins_nav.aiding.registry import calibration_names
 from ins_nav.config.state_file import read_calibration
 from ins_nav.errors import InsNavError, for_people
+from ins_nav.mechanization import strapdown
 from ins_nav.messages import correction_codec, diagnostics
 from ins_nav.messages.cdr import ImuSample
 from ins_nav.messages.solution import SolutionMessages, fill_bias
-from ins_nav.navigator.realtime import RealtimeNavigator
+from ins_nav.navigator.system import NavigationSystem
 from ins_nav.nodes import parameters, runtime
 from ins_nav.nodes.alignment_node import feedback_message
 from ins_nav.nodes.reporting import Reporter
 from ins_nav.stamps import set_stamp
 
 _OUT_DEPTH = 200
+
+
+def _nothing() -> None:
+    """Do nothing."""
 
 
 def _qos(depth: int, reliability: ReliabilityPolicy, latched: bool = False) -> QoSProfile:
@@ -41,15 +47,29 @@ def _qos(depth: int, reliability: ReliabilityPolicy, latched: bool = False) -> Q
 class InsNode(Node):
     """The node; see the package's README for topics, services and parameters.
 
+    Parameters
+    ----------
+    others : mapping, optional
+        Overrides of the other nodes of `ins_system`: then the filter of this process uses the aids.
+
+    Attributes
+    ----------
+    system : NavigationSystem
+    after_sample : callable
+        Called after every message of the IMU.
+
     Raises
     ------
     ParameterError
     """
 
-    def __init__(self) -> None:
+    def __init__(self, others: Mapping[str, Any] | None = None) -> None:
         super().__init__("ins_node")
-        self._configuration = parameters.declare(self)
-        self._navigator = RealtimeNavigator(self._configuration.values)
+        self._configuration = parameters.declare(self, others)
+        strapdown.prepare()  # here, not at the first correction
+        self.system = NavigationSystem(self._configuration.values, aided=others is not None)
+        self.after_sample: Callable[[], None] = _nothing
+        self._navigator = self.system.realtime
         self._base_link = self._configuration.frames.base_link
         self._out = SolutionMessages(self._navigator)
         reliable, best_effort = ReliabilityPolicy.RELIABLE, ReliabilityPolicy.BEST_EFFORT
@@ -60,18 +80,9 @@ class InsNode(Node):
         self._reporter = Reporter(self, "navigation")
         self._tf = self._transform_publisher() if self._configuration.publish.tf != "none" else None
         runtime.subscribe_imu(self, self._navigator.events, self._on_imu)
-        overriding = QoSOverridingOptions.with_default_policies()
-        for aid in self._navigator.position_aids.values():
-            kind, callback = runtime.message_class(aid.MESSAGE_TYPES[0]), partial(self._navigator.add, aid.topic)
-            self.create_subscription(
-                kind, aid.topic, callback, _qos(10, best_effort), qos_overriding_options=overriding
-            )
-        inside = _qos(100, reliable)
-        self._solution = self.create_publisher(Float64MultiArray, "ins/solution", inside)
-        self._called = self.create_publisher(Header, "ins/called", inside)
-        self._solution_message = feedback_message()
-        self.create_subscription(Float64MultiArray, "ins/feedback", self._on_feedback, inside)
-        self.create_subscription(Float64MultiArray, "ins/calibration", self._on_calibration, inside)
+        self._solution = self._called = None
+        if others is None:
+            self._connect_filter(best_effort)
         self.create_service(Trigger, "~/align", self._on_align)
         self.create_service(Trigger, "~/zupt1", self._on_zupt1)
         self.create_service(Trigger, "~/zupt2", self._on_zupt2)
@@ -79,6 +90,21 @@ class InsNode(Node):
         self.create_timer(1.0, self._on_timer)
         self._publish_bias()
         self.get_logger().info("waiting for imu/data_raw")
+
+    def _connect_filter(self, best_effort: ReliabilityPolicy) -> None:
+        """Topics that the filter of `alignment_node`, in another process, needs; aids are needed for the place only."""
+        overriding = QoSOverridingOptions.with_default_policies()
+        for aid in self.system.position_aids.values():
+            kind, callback = runtime.message_class(aid.MESSAGE_TYPES[0]), partial(self.system.add, aid.topic)
+            self.create_subscription(
+                kind, aid.topic, callback, _qos(10, best_effort), qos_overriding_options=overriding
+            )
+        inside = _qos(100, ReliabilityPolicy.RELIABLE)
+        self._solution = self.create_publisher(Float64MultiArray, "ins/solution", inside)
+        self._called = self.create_publisher(Header, "ins/called", inside)
+        self._solution_message = feedback_message()
+        self.create_subscription(Float64MultiArray, "ins/feedback", self._on_feedback, inside)
+        self.create_subscription(Float64MultiArray, "ins/calibration", self._on_calibration, inside)
 
     def _transform_publisher(self) -> Any:
         try:
@@ -95,11 +121,12 @@ class InsNode(Node):
         return self.create_publisher(TFMessage, "/tf", 100)
 
     def _on_imu(self, sample: ImuSample) -> None:
-        new = self._navigator.add_imu(*sample)
-        if self._navigator.events.pending:
-            self._log()
+        new = self.system.add_imu(*sample)
         if new and self._out.due():
             self._publish()
+        self.after_sample()
+        if self.system.events.pending:
+            self._log()
 
     def _publish(self) -> None:
         out = self._out
@@ -126,24 +153,24 @@ class InsNode(Node):
 
     def _on_align(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         response.success = True
-        response.message = self._navigator.align()
+        response.message = self.system.align()
         self._publish_call("align")
         return response
 
     def _on_feedback(self, message: Float64MultiArray) -> None:
-        navigator = self._navigator
-        feedback = correction_codec.received_feedback(message, "ins/feedback", navigator.events, navigator.stamp_ns)
-        if feedback is not None:
-            self._navigator.follow(feedback)
+        events, stamp_ns = self.system.events, self.system.front_end.stamp_ns
+        correction = correction_codec.received_feedback(message, "ins/feedback", events, stamp_ns)
+        if correction is not None:
+            self.system.correct(correction)
 
     def _on_zupt1(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        return self._answer("zupt1", response, *self._navigator.zupt1())
+        return self._answer("zupt1", response, *self.system.zupt1())
 
     def _on_zupt2(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        return self._answer("zupt2", response, *self._navigator.zupt2())
+        return self._answer("zupt2", response, *self.system.zupt2())
 
     def _on_save(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        response.success, response.message = self._navigator.save()
+        response.success, response.message = self.system.save()
         self._log()
         return response
 
@@ -152,7 +179,7 @@ class InsNode(Node):
             [dim.label for dim in message.layout.dim], message.data, self._configuration, calibration_names()
         )
         if found is not None:
-            self._navigator.calibration = found
+            self.system.calibration = found
 
     def _answer(self, service: str, response: Trigger.Response, success: bool, text: str) -> Trigger.Response:
         response.success, response.message = success, text
@@ -162,7 +189,9 @@ class InsNode(Node):
         return response
 
     def _publish_call(self, service: str) -> None:
-        """Tell `alignment_node` of a service that was called."""
+        """Publish for `alignment_node` that a service was called."""
+        if self._called is None:
+            return
         header = Header(frame_id=service)
         header.stamp.sec, header.stamp.nanosec = divmod(self._navigator.stamp_ns, 1_000_000_000)
         self._called.publish(header)
@@ -172,13 +201,13 @@ class InsNode(Node):
 
     def _on_timer(self) -> None:
         self._log()
-        solution = self._navigator.solution()
-        if solution is not None:
+        solution = self.system.solution()
+        if solution is not None and self._solution is not None:
             feedback, aligned_ns = solution
             correction_codec.fill_feedback(self._solution_message, feedback._replace(apply_ns=aligned_ns))
             self._solution.publish(self._solution_message)
-        silent_for = self._reporter.silent_for(self._navigator.stream.received)
-        self._reporter.publish(*diagnostics.diagnostics(self._navigator, silent_for))
+        silent_for = self._reporter.silent_for(self.system.front_end.stream.received)
+        self._reporter.publish(*diagnostics.diagnostics(self._navigator, self.system.services.solved, silent_for))
 
 
 @for_people("ins_node")

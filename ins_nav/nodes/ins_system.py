@@ -1,12 +1,13 @@
 """`ins_system`: the nodes in one process, on one executor: the one-line start.
 
-`ins_node`, `stop_detector_node` and `alignment_node`, with their own names, topics, services and parameters.
+`ins_node`, `stop_detector_node` and `alignment_node`, with their own names, topics, services and parameters, share one
+IMU stream, one stop detector, one alignment and one filter.
 """
 
 import sys
 
 from ins_nav.errors import for_people
-from ins_nav.nodes import runtime
+from ins_nav.nodes import parameters, runtime
 from ins_nav.nodes.alignment_node import AlignmentNode
 from ins_nav.nodes.ins_node import InsNode
 from ins_nav.nodes.stop_detector_node import StopDetectorNode
@@ -17,7 +18,11 @@ def main(args: list[str] | None = None) -> None:
     """Run the nodes until SIGINT or SIGTERM."""
     if runtime.wants_no_node(runtime.init(args), "ins_system", __doc__):
         return
-    runtime.spin(InsNode(), StopDetectorNode(), AlignmentNode())
+    alignment, detector = AlignmentNode(shared=True), StopDetectorNode(shared=True)
+    ins = InsNode({**parameters.overrides(alignment), **parameters.overrides(detector)})
+    alignment.attach(ins.system)
+    ins.after_sample = detector.attach(ins.system)
+    runtime.spin(ins, detector, alignment)
 
 
 if __name__ == "__main__":

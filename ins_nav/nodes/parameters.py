@@ -1,6 +1,8 @@
 """Parameters of the nodes, declared from the table of `ins_nav.config`."""
 
 import math
+from collections.abc import Mapping
+from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
 from rclpy.node import Node
@@ -10,8 +12,19 @@ from ins_nav.config.configuration import Configuration
 from ins_nav.config.parameters import without_ros
 
 
-def declare(node: Node) -> Configuration:
+def overrides(node: Node) -> dict[str, Any]:
+    """Parameters given to the node at its start, without those of ROS."""
+    return without_ros({name: given.value for name, given in node._parameter_overrides.items()})
+
+
+def declare(node: Node, others: Mapping[str, Any] | None = None) -> Configuration:
     """Declare every parameter, read-only, and return their checked values.
+
+    Parameters
+    ----------
+    node : Node
+    others : mapping, optional
+        Overrides of other nodes in the process, which hold where the node has none itself.
 
     All overrides are checked, whole numbers converted to floating point, former names replaced, and unknown names
     refused, which rclpy by itself would ignore.
@@ -20,7 +33,7 @@ def declare(node: Node) -> Configuration:
     ------
     ParameterError
     """
-    found = configuration(without_ros({name: given.value for name, given in node._parameter_overrides.items()}))
+    found = configuration({**(others or {}), **overrides(node)})
     for warning in found.warnings:
         node.get_logger().warning(warning)
     for row in found.rows:

@@ -5,6 +5,7 @@
 
 import math
 import sys
+from collections.abc import Callable
 from typing import Any
 
 from rclpy.node import Node
@@ -17,6 +18,7 @@ from ins_nav.event_log import EventLog
 from ins_nav.mechanization.imu_stream import ImuStream
 from ins_nav.messages.cdr import ImuSample
 from ins_nav.messages.diagnostics import SILENCE, silence
+from ins_nav.navigator.system import NavigationSystem, ScheduledCalls
 from ins_nav.nodes import parameters, runtime
 from ins_nav.nodes.reporting import Reporter
 from ins_nav.stop_detection.detector import Change, StopDetector
@@ -27,13 +29,19 @@ from ins_nav.stop_detection.stop_limits import StopLimits
 class StopDetectorNode(Node):
     """The node; see the package's README for topics, services and parameters.
 
+    Parameters
+    ----------
+    shared : bool
+        The detector is that of an `ins_node` in the same process: see `attach`.
+
     Raises
     ------
     ParameterError
     """
 
-    def __init__(self) -> None:
+    def __init__(self, shared: bool = False) -> None:
         super().__init__("stop_detector_node")
+        self._shared = shared
         configuration = parameters.declare(self)
         self._events = EventLog()
         self._stream = ImuStream(self._events, configuration.imu)
@@ -51,10 +59,27 @@ class StopDetectorNode(Node):
         )
         self._stopped = self.create_publisher(Bool, "stopped", latched)
         self._reporter = Reporter(self, "stops")
-        runtime.subscribe_imu(self, self._events, self._on_imu)
+        if not shared:
+            runtime.subscribe_imu(self, self._events, self._on_imu)
         self.create_timer(1.0, self._on_timer)
         self._stopped.publish(Bool(data=False))
         self.get_logger().info("waiting for imu/data_raw")
+
+    def attach(self, system: NavigationSystem) -> Callable[[], None]:
+        """Use detector and services of `ins_node` in the same process; the result is to be called after each sample."""
+        self._detector, self._stream, self._events = system.front_end.detector, system.front_end.stream, system.events
+        calls = ScheduledCalls(system, self._publish_stopped, self._log_answer, announced=False)
+        self._policy = calls.schedule
+        return calls.after_sample
+
+    def _publish_stopped(self, stopped: bool) -> None:
+        self._stopped.publish(Bool(data=stopped))
+        self._stops += stopped
+        self.get_logger().info("stopped" if stopped else "moving")
+
+    def _log_answer(self, name: str, success: bool, text: str) -> None:
+        self._answer = f"{name} {'done' if success else 'refused'}: {text}"
+        self.get_logger().info(self._answer)
 
     def _on_imu(self, received: ImuSample) -> None:
         detector = self._detector
@@ -100,15 +125,15 @@ class StopDetectorNode(Node):
     def _on_answer(self, name: str, stop: int, future: Any) -> None:
         answer = future.result()
         self._policy.answered(name, stop, answer.success)
-        self._answer = f"{name} {'done' if answer.success else 'refused'}: {answer.message}"
-        self.get_logger().info(self._answer)
+        self._log_answer(name, answer.success, answer.message)
 
     def _log(self) -> None:
         self._reporter.log(self._events)
 
     def _on_timer(self) -> None:
         self._log()
-        detector, stream, counts = self._detector, self._stream, self._events.counts
+        detector, stream = self._detector, self._stream
+        counts = {} if self._shared else self._events.counts  # `ins_node` reports those of the system
         gyro, accel = detector.noise
         values = {
             "stopped": str(detector.stopped).lower(),

@@ -25,6 +25,7 @@ from ins_nav.aiding.registry import aid_classes
 from ins_nav.aiding.simulated import Fixes
 from ins_nav.errors import InsNavError
 from ins_nav.mechanization import attitude
+from ins_nav.mechanization.earth import NO_WATER
 from ins_nav.recordings.bags import suggestion
 from ins_nav.simulation.aids import measure_aids
 from ins_nav.simulation.missions import AUV_DIVE, auv_dive
@@ -50,6 +51,8 @@ class Scenario:
     motion: MotionMaker
     errors: Values
     """Sensor errors of the scenario, to which those of the preset are added."""
+    under_water: bool = False
+    """Below ``depth.surface_height`` is water."""
 
 
 SCENARIOS: dict[str, Scenario] = {}
@@ -110,14 +113,16 @@ class Simulation:
         )
 
 
-def scenario(text: str, parameters: Mapping[str, Any]) -> Callable[[MotionMaker], MotionMaker]:
+def scenario(
+    text: str, parameters: Mapping[str, Any], under_water: bool = False
+) -> Callable[[MotionMaker], MotionMaker]:
     """Register the decorated function under its name."""
 
     def register(motion: MotionMaker) -> MotionMaker:
         own = {n: p if isinstance(p, Parameter) else replace(SHARED[n], default=p) for n, p in parameters.items()}
         every = own | {n: p for n, p in SHARED.items() if n not in own}
         errors = {n: own[n].default for n in (f"imu.{f.name}" for f in fields(ImuErrors)) if n in own}
-        SCENARIOS[motion.__name__] = Scenario(text, every, motion, errors)
+        SCENARIOS[motion.__name__] = Scenario(text, every, motion, errors, under_water)
         return motion
 
     return register
@@ -148,7 +153,8 @@ def simulate(name: str, seed: int = 0, /, **parameters: Any) -> Simulation:
     motion = chosen.motion(p)
     if round(motion.duration * p["rate"]) < 1:
         raise InsNavError(f"duration {motion.duration:g} s at rate {p['rate']:g} Hz has no sample; make it longer")
-    return _measured(name, p, EarthMotion(motion, origin).trajectory(p["rate"]), seed)
+    surface = p["depth.surface_height"] if chosen.under_water else NO_WATER
+    return _measured(name, p, EarthMotion(motion, origin, surface).trajectory(p["rate"]), seed)
 
 
 def _measured(name: str, p: dict[str, Any], trajectory: Trajectory, seed: int) -> Simulation:
@@ -399,5 +405,7 @@ def zupt1_two_positions(p: Values) -> Motion:
 
 
 scenario(
-    "An underwater vehicle's mission: alignment in swell, surface leg, dive in parallel legs, surfacing.", AUV_DIVE
+    "An underwater vehicle's mission: alignment in swell, surface leg, dive in parallel legs, surfacing.",
+    AUV_DIVE,
+    under_water=True,
 )(auv_dive)

@@ -92,10 +92,13 @@ class EarthMotion:
         On the plane.
     origin : Origin
         Where the plane touches; z = 0 is its height.
+    water_surface : float
+        Ellipsoidal height, m: below it gravity is that in water.
     """
 
-    def __init__(self, motion: Motion, origin: Origin) -> None:
+    def __init__(self, motion: Motion, origin: Origin, water_surface: float = earth.NO_WATER) -> None:
         self.motion = motion
+        self.water_surface = water_surface
         self.origin = origin
         self._sin_lat, self._cos_lat = math.sin(origin.lat), math.cos(origin.lat)
         meridian, prime_vertical = earth.principal_radii(self._sin_lat)
@@ -200,7 +203,7 @@ class _Point:
         )
         # north component c h sin(2 lat) along (k - s u) / cos(lat): no division, so regular at the poles
         gravity = (2.0 * earth.NORTH_GRAVITY_PER_METRE * self.height * s) * (k - s * u)
-        gravity -= earth.normal_gravity(s, self.height) * u
+        gravity -= earth.normal_gravity(s, self.height, on.water_surface) * u
         force = acceleration + 2.0 * earth.RATE * _cross(k, self.velocity) - gravity
         sin, cos = np.sin(self.angles), np.cos(self.angles)
         yaw1, pitch1, roll1 = motion.angle_rates

@@ -50,7 +50,7 @@ from scipy import stats
 from ins_nav.mechanization.strapdown import Sample
 from ins_nav.stop_detection.gliding import Glides
 from ins_nav.stop_detection.sample_sums import BLOCK, EMPTY, add_sample, add_samples, completes, is_gap
-from ins_nav.stop_detection.stop_limits import StopLimits as StopLimits
+from ins_nav.stop_detection.stop_limits import StopLimits
 from ins_nav.stop_detection.turn_monitor import TurnMonitor
 from ins_nav.stop_detection.velocity_filter import LONG_BLOCK, VelocityFilter
 
@@ -119,11 +119,15 @@ class Change(NamedTuple):
         Estimated time of beginning or end, before the decision.
     decided_ns : int
         Stamp of the sample at which the decision fell.
+    speed_stddev : float
+        Of the speed that the detector had reckoned until a stop began, m/s: large where it did not observe the
+        braking, as after a gap.
     """
 
     stopped: bool
     stamp_ns: int
     decided_ns: int
+    speed_stddev: float = 0.0
 
 
 class StopDetector:
@@ -329,13 +333,14 @@ class StopDetector:
             began = self._turns.turn_ended(began)
         self.stopped = True
         self.since_ns = max(began, self.since_ns)
-        self._doubt = min(reckoning.speed_stddev, _ROLL)
+        speed_stddev = reckoning.speed_stddev
+        self._doubt = min(speed_stddev, _ROLL)
         self._sure = self._glided = self._due = 0
         self._glides.velocities.clear()
         reckoning.rest(_REST_SPEED)
         self._turns.stand(reckoning)
         self._track.clear()  # velocities before this correction are no measure of those after it
-        return Change(True, self.since_ns, self.stamp_ns)
+        return Change(True, self.since_ns, self.stamp_ns, speed_stddev)
 
     def _may_glide(self) -> bool:
         """Whether stillness is no evidence: this carrier has moved without shaking before, and may do so now."""

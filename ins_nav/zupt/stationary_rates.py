@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from ins_nav.alignment.gravity_cone import GravityCone, cone_path
@@ -122,6 +123,7 @@ class StationaryRates:
         # blocks are whole samples, so not of one length; each middle lies halfway between two ends
         sign = (-1.0) ** np.arange(len(blocks.time))
         ends: Array = np.asarray(2.0 * sign * np.cumsum(sign * blocks.time), float)
+        every = np.insert(ends, 0, 0.0), np.vstack([[0.0, 0.0, 0.0, 1.0], blocks.q_b0b])
         keep = _still(ends, blocks.force, _attitudes(rot_b0s, earth, ends, blocks.q_b0b))
         if keep.stop - keep.start < _MIN_BLOCKS or ends[keep][-1] - ends[keep][0] < 0.8 * MIN_DURATION:
             raise ZuptError(
@@ -153,6 +155,11 @@ class StationaryRates:
             rate = np.array([-slope[1], slope[0], yaw_slope[0]])
             rot_b0s = rot_b0s @ Rotation.from_rotvec([-level[1], level[0], 0.0]).as_matrix()
 
+        assert noise is not None and yaw_noise is not None
+        # what a unit drift makes of the series goes through the same estimator: a rocking body has turned in between
+        turn = CubicSpline(every[0], _attitudes(rot_b0s, earth, *every)).antiderivative()
+        tilt_turn, yaw_turn = (turn(time).reshape(-1, 9) for time in (blocks.time, ends))
+        rot_sb = np.concatenate([noise.fit(tilt_turn).slope[:6], yaw_noise.fit(yaw_turn).slope[6:]]).reshape(3, 3)
         mean: Array = attitudes.mean(axis=0)
         tilt = np.linalg.norm(attitudes[:, 2, :] - mean[2], axis=1)
         leak = (RATE * accel_bias_stddev / gravity) ** 2
@@ -164,7 +171,7 @@ class StationaryRates:
         q = (Rotation.from_rotvec([end[1], -end[0], 0.0]) * Rotation.from_matrix(last[0])).as_quat()
         return StationaryRatesResult(
             StopMeasurement(
-                mean,
+                rot_sb,
                 rate,
                 np.diag([variance, variance, yaw_fit.slope_variance + leak]),
                 float(earth[1]),

@@ -39,7 +39,7 @@ _MAX_CONDITION = 30.0
 """Condition number above which a solution is refused."""
 _CONFIDENCE = 0.999
 """A solution less likely than 1 - this is inconsistent."""
-_MODEL_ERROR = 1e-10
+MODEL_ERROR = 1e-10
 """rad/s: gravity some 100 m up is off the ellipsoid's normal by 1e-7 rad, as much of the Earth's rate is 1e-11."""
 _MIN_SINE = math.sin(math.radians(5.0))
 """Least sine of the tilt that determines the third drift without the drift of yaw."""
@@ -64,7 +64,8 @@ class StopMeasurement:
     Attributes
     ----------
     rot_sb : ndarray, shape (3, 3)
-        M, body (FLU) to S (east, north, up): mean over the stop, by the mechanization's own attitude.
+        M, body (FLU) to S (east, north, up): mean over the stop, by the mechanization's attitude, with the weights
+        that ``rate`` has.
     rate : ndarray, shape (3,)
         b: the residual rate on the axes of S, rad/s.
     covariance : ndarray, shape (3, 3)
@@ -207,7 +208,7 @@ def zupt2_update(stop: StopMeasurement, prior: Array, before: ArrayLike = (0.0, 
     h[0, :3] -= k * before
     h[0, 3] = -k
     limit = float(stats.chi2.ppf(_CONFIDENCE, 3))
-    noise = stop.covariance + np.eye(3) * _MODEL_ERROR**2
+    noise = stop.covariance + np.eye(3) * MODEL_ERROR**2
     p, contradicted = prior + np.diag([1e-30] * 3 + [0.0]), False  # variances that can be widened
     while float(stop.rate @ np.linalg.solve(h @ p @ h.T + noise, stop.rate)) > limit:
         widen = np.diag([math.sqrt(_INFLATION)] * 3 + [1.0])
@@ -298,7 +299,7 @@ def _most_likely(
     """Drifts and azimuth by Gauss-Newton from a start, their information, and the remaining squared distance."""
     whole = np.zeros((6, 6))
     whole[:3, :3], whole[3:, 3:] = first.covariance, second.covariance
-    weight = np.linalg.inv(whole + np.eye(6) * _MODEL_ERROR**2)
+    weight = np.linalg.inv(whole + np.eye(6) * MODEL_ERROR**2)
     at_first = np.eye(4)
     at_first[3, :3] = -first.azimuth_gain
     for i in range(9):
@@ -349,7 +350,7 @@ def zupt1_linear(first: StopMeasurement, second: StopMeasurement) -> Calibration
     radial = np.array([sine, -cosine])  # the second of the pair enters the cosine with the other sign
     norm_stddev = 2.0 * math.sqrt(max(float(radial @ pair @ radial), 0.0))
     limit = float(stats.norm.ppf(0.5 * (1.0 + _CONFIDENCE)))
-    if abs(norm - 1.0) > limit * norm_stddev + 2.0 * _MODEL_ERROR / k:
+    if abs(norm - 1.0) > limit * norm_stddev + 2.0 * MODEL_ERROR / k:
         raise ZuptError(
             f"inconsistent: sin² + cos² of the azimuth is {norm:.4f}, not 1 within {limit * norm_stddev:.4f}: "
             "the unit moved during a stop, or its drift changed between them; repeat with longer stops"

@@ -110,7 +110,7 @@ def _fed(parameters: dict[str, object], offset: float = 0.0, after: float = 0.0)
         {
             **PLACE,
             "alignment.level_duration": 2.0,
-            "aiding.stops": "none",
+            "zupt.zero_velocity": False,
             "alignment.fine_duration": 20.0,
             **parameters,
         }
@@ -159,7 +159,7 @@ def test_yaw_of_the_mounting_is_calibrated() -> None:
     given = math.degrees(heading_from_yaw(_true_yaw(s, int(s.stamps_ns[0]))))
     parameters: dict[str, object] = {"initial.heading_deg": given, "initial.heading_stddev_deg": 0.1}
     fed, s = _fed({**parameters, "heading.mounting_yaw_stddev_deg": 5.0}, math.radians(3.0))
-    found = fed.aided.found_calibration
+    found = fed.aided.calibration
     yaw, stddev = (float(found[f"heading.mounting_yaw{key}_deg"]) for key in ("", "_stddev"))  # type: ignore[arg-type]
     assert 0.05 < stddev < 0.5 and abs(yaw - 3.0) < 3.0 * stddev
 

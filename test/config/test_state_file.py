@@ -4,6 +4,7 @@ import math
 from pathlib import Path
 
 import pytest
+from navigators import Ins
 
 from ins_nav.aiding.parameters import configuration
 from ins_nav.aiding.registry import calibration_names
@@ -11,7 +12,7 @@ from ins_nav.aiding.velocity_log import LogParameters, VelocityLog
 from ins_nav.cli.process import main as process
 from ins_nav.config.parameters import Value, read_file
 from ins_nav.config.state_file import Pose, StateFileError, load, read_calibration, save
-from ins_nav.navigator.realtime import Phase, RealtimeNavigator
+from ins_nav.navigator.front_end import Phase
 from ins_nav.simulation.recording import write_bag
 from ins_nav.simulation.scenarios import Simulation, simulate
 
@@ -91,9 +92,9 @@ def _stands() -> Simulation:
     return simulate("static", 1, rate=50.0, duration=4.0, **{"imu.preset": "perfect"})
 
 
-def _fed(simulation: Simulation, **parameters: object) -> RealtimeNavigator:
+def _fed(simulation: Simulation, **parameters: object) -> Ins:
     settings = {"initial.heading_deg": 0.0, "alignment.level_duration": 2.0}
-    navigator = RealtimeNavigator(settings | {name.replace("__", "."): value for name, value in parameters.items()})
+    navigator = Ins(settings | {name.replace("__", "."): value for name, value in parameters.items()})
     for stamp_ns, rate, force in zip(
         simulation.stamps_ns.tolist(),
         simulation.angular_velocity.tolist(),
@@ -113,7 +114,7 @@ def test_a_start_takes_up_what_was_saved(tmp_path: Path) -> None:
     assert next(report.text for report in first.events.drain()) == (
         f"state_file {path} is not there yet: ins_node/save writes it"
     )
-    first.gyro_bias = (1e-6, 0.0, 0.0)
+    first.realtime.gyro_bias = (1e-6, 0.0, 0.0)
     first.calibration = LOG.calibration([(0.01, 1e-4), (0.0, 1e-3), (0.0, 1e-3)])
     done, text = first.save()
     assert done and text == (
@@ -141,8 +142,8 @@ def test_a_damaged_file_is_told_and_left_alone(tmp_path: Path) -> None:
 
 
 def test_nothing_to_save(tmp_path: Path) -> None:
-    assert RealtimeNavigator().save() == (False, "no state_file: start the node with a name for it")
-    waiting = RealtimeNavigator({"state_file": str(tmp_path / "state.yaml")})
+    assert Ins().save() == (False, "no state_file: start the node with a name for it")
+    waiting = Ins({"state_file": str(tmp_path / "state.yaml")})
     assert waiting.save() == (False, "no navigation solution yet: waiting; call again when navigating")
 
 

@@ -292,3 +292,37 @@ def test_drift_from_a_stop_and_standing() -> None:
         run.feed_back()
     np.testing.assert_allclose(run.bias[0], drift, rtol=0.001)
     assert np.abs(run.state[4:7]).max() < 1e-4
+
+
+def _at_rest() -> ErrorFilter:
+    model = ErrorModel(vertical=True, gyro_noise=GYRO_NOISE, accel_noise=ACCEL_NOISE)
+    return ErrorFilter(model, (1.0,) * 3, (0.1,) * 3, np.diag([1e-4**2, 1e-4**2, 1e-2**2]))
+
+
+def _stopped(speed: float, stddev: float) -> Measurement:
+    state = nav_state.initial_state(0.97, 0.6, 10.0, (speed, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+    return ZeroVelocity().measure(_at_rest().solution(state, ZERO, ZERO), stddev)
+
+
+@pytest.mark.parametrize(("speed", "widened"), [(0.1, False), (5.0, True)])
+def test_admit_widens_what_a_measurement_outside_the_gate_measures(speed: float, widened: bool) -> None:
+    filter_ = _at_rest()
+    before, measurement = filter_.p.copy(), _stopped(speed, 0.02)
+    assert filter_.admit(measurement) == widened
+    rest = [i for i in range(len(before)) if not VELOCITY.start <= i < VELOCITY.stop]
+    np.testing.assert_array_equal(filter_.p[np.ix_(rest, rest)], before[np.ix_(rest, rest)])
+    if widened:
+        # until the normalized square is what is expected, or a step of the search beyond
+        assert filter_.p[VELOCITY.start, VELOCITY.start] > 5.0**2 / 3.0 / 1.1
+        assert not filter_.admit(measurement)
+    else:
+        np.testing.assert_array_equal(filter_.p, before)
+    assert filter_.update("zero velocity", 0, measurement).accepted
+
+
+def test_admit_does_nothing_for_a_measurement_of_its_unit_or_not_finite() -> None:
+    filter_ = _at_rest()
+    before, measurement = filter_.p.copy(), _stopped(5.0, 0.02)
+    assert not filter_.admit(measurement._replace(direct=None))
+    assert not filter_.admit(measurement._replace(innovation=np.full(3, math.nan)))
+    np.testing.assert_array_equal(filter_.p, before)

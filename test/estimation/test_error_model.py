@@ -18,6 +18,7 @@ from ins_nav.estimation.slow_state import SlowState
 from ins_nav.estimation.state_layout import COSINE, HEADING, HEIGHT, NAVIGATION, SIZE, SOLUTION_SIZE, VERTICAL_VELOCITY
 from ins_nav.estimation.states import kinds
 from ins_nav.mechanization import nav_state, strapdown
+from ins_nav.mechanization.earth import NO_WATER
 from ins_nav.simulation.motion import Motion, constant, sinusoid
 from ins_nav.simulation.trajectory import EarthMotion, Origin
 
@@ -39,6 +40,7 @@ second order is small."""
 class Drive:
     samples: Array
     start: nav_state.NavState
+    water_surface: float = NO_WATER
 
 
 @functools.cache
@@ -56,13 +58,18 @@ def drive(kind: str) -> Drive:
     elif kind == "aircraft":
         motion = Motion(300.0, speed=constant(300.0), yaw=sinusoid(1.5, 200.0), z=sinusoid(100.0, 60.0), **rocking)
         origin = Origin(math.radians(-35.0), 2.0, 9000.0)
+    elif kind == "dive":  # like the car, 300 m below the surface
+        motion = Motion(300.0, speed=constant(3.0), yaw=sinusoid(2.0, 90.0), z=sinusoid(20.0, 60.0), **rocking)
+        origin = Origin(math.radians(56.0), 0.6, -300.0)
     else:  # over the pole
         motion = Motion(300.0, speed=constant(100.0), yaw=constant(1.2), x=constant(-5e3), y=constant(-13e3), **rocking)
         origin = Origin(math.pi / 2.0, 0.0, 50.0)
-    path = EarthMotion(motion, origin).trajectory(RATE)
+    surface = 0.0 if kind == "dive" else NO_WATER
+    path = EarthMotion(motion, origin, surface).trajectory(RATE)
     samples = np.c_[np.full(len(path.delta_theta), 1.0 / RATE), RATE * path.delta_theta, RATE * path.delta_velocity]
     velocity, q_gb = tuple(path.velocity_n[0]), tuple(path.q_nb[0])
-    return Drive(samples, nav_state.initial_state(path.lat[0], path.lon[0], path.height[0], velocity, q_gb))
+    start = nav_state.initial_state(path.lat[0], path.lon[0], path.height[0], velocity, q_gb)
+    return Drive(samples, start, surface)
 
 
 @functools.cache
@@ -85,28 +92,31 @@ def run(
 ) -> Array:
     """States from the start on, with these biases and further errors removed from the samples."""
     samples = d.samples - [0.0, *gyro_bias, *accel_bias]
-    if further is not None:
-        samples[:, 1:] = samples[:, 1:] @ FURTHER.correction(further).T
-    states = strapdown.integrate(state, tuple(samples[0]), samples, vertical=vertical)
+    matrix = None if further is None else FURTHER.correction(further)
+    if matrix is not None:
+        samples[:, 1:] = samples[:, 1:] @ matrix.T
+    states = strapdown.integrate(state, tuple(samples[0]), samples, vertical=vertical, water_surface=d.water_surface)
     return np.vstack([state, states])
 
 
-def model(vertical: bool) -> ErrorModel:
-    return ErrorModel(vertical=vertical, gyro_noise=0.0, accel_noise=0.0, imu_errors=FURTHER)
+def model(vertical: bool, water_surface: float = NO_WATER) -> ErrorModel:
+    return ErrorModel(
+        vertical=vertical, gyro_noise=0.0, accel_noise=0.0, water_surface=water_surface, imu_errors=FURTHER
+    )
 
 
-def transition(states: Array, every: int, vertical: bool) -> Array:
+def transition(states: Array, every: int, vertical: bool, water_surface: float = NO_WATER) -> Array:
     """Of the whole run, by intervals of so many samples."""
     total = np.eye(ALL)
     for i in range(0, len(states) - 1, every):
         before, after = (tuple(states[k].tolist()) for k in (i, i + every))
-        total = model(vertical).transition(before, after, every / RATE) @ total
+        total = model(vertical, water_surface).transition(before, after, every / RATE) @ total
     return total
 
 
 @functools.cache
 def transition_of(kind: str, vertical: bool, every: int = 10) -> Array:
-    return transition(undisturbed(kind, vertical), every, vertical)
+    return transition(undisturbed(kind, vertical), every, vertical, drive(kind).water_surface)
 
 
 def grown(kind: str, vertical: bool, x: Array) -> tuple[Array, Array]:
@@ -131,7 +141,8 @@ def disagreement(found: Array, true: Array, vertical: bool) -> float:
 
 
 @pytest.mark.parametrize(
-    ("kind", "vertical"), [("car", True), ("car", False), ("aircraft", True), ("pole", True), ("pole", False)]
+    ("kind", "vertical"),
+    [("car", True), ("car", False), ("aircraft", True), ("dive", True), ("pole", True), ("pole", False)],
 )
 @pytest.mark.parametrize("column", [*range(SOLUTION_SIZE), *range(SIZE, ALL)], ids=NAMES + FURTHER_NAMES)
 def test_every_column(kind: str, vertical: bool, column: int) -> None:

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from ins_nav.estimation.error_filter import ErrorFilter
 from ins_nav.estimation.error_model import ErrorModel, mean_reading
-from ins_nav.estimation.imu_error import READING, Array, ImuErrors
+from ins_nav.estimation.imu_error import Array, ImuErrors
 from ins_nav.estimation.observation import Measurement
 from ins_nav.estimation.slow_state import SlowState
 from ins_nav.estimation.state_layout import ATTITUDE, POSITION, SIZE, TILT
@@ -42,7 +42,7 @@ def test_absent_errors_have_no_states() -> None:
     errors = ImuErrors([first(stddev=1e-4), *(kind() for kind in others)])
     assert errors.sizes == {first.block: len(first.components)}
     assert ImuErrors().size == 0 and ErrorModel(vertical=True, gyro_noise=0.0, accel_noise=0.0).size == SIZE
-    np.testing.assert_array_equal(ImuErrors().correction(np.empty(0)), np.eye(READING))
+    assert ImuErrors().correction(()) is None and errors.correction(np.zeros(errors.size)) is None
 
 
 def test_mean_reading() -> None:
@@ -85,7 +85,7 @@ def test_considered_errors_are_not_estimated() -> None:
 
 def test_estimated_errors_are_found() -> None:
     """A joint update moves a block that is not considered, by its correlation with what is measured."""
-    kinds_ = [kind(stddev=1e-4, considered=False) for kind in kinds()]
+    kinds_ = [kind(stddev=1e-4, estimated=True) for kind in kinds()]
     kalman = _filter(ImuErrors(kinds_))
     kalman.propagate(STATE, STATE, 10.0)
     kalman.update("gnss", 0, Measurement(np.array([0.5, 0.0, 0.0]), np.eye(3, SIZE), 0.01 * np.eye(3), POSITION))

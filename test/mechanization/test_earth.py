@@ -91,3 +91,14 @@ def test_functions_take_arrays() -> None:
     # of the poles and the equator, from the definition of WGS-84
     np.testing.assert_allclose(gravity[[0, 1]], [earth.POLAR_GRAVITY, earth.EQUATORIAL_GRAVITY], atol=4e-6)
     np.testing.assert_allclose(np.abs(positions[[0, 3], 2]), [6356752.3142, 6356755.3142], atol=1e-4)
+
+
+def test_gravity_under_water() -> None:
+    """The gradient measured in deep water is 0.222 mGal/m, that of the free air 0.309 mGal/m."""
+    heights = np.array([200.0, 100.0, 99.0, -900.0])
+    in_air, in_water = earth.normal_gravity(0.5, heights), earth.normal_gravity(0.5, heights, 100.0)
+    np.testing.assert_array_equal(in_water[:2], in_air[:2])
+    assert in_water[2] - in_water[1] == pytest.approx(0.222e-5, rel=0.01)
+    assert in_air[2] - in_air[1] == pytest.approx(0.309e-5, rel=0.01)
+    assert (in_air[3] - in_water[3]) / 9.80665 == pytest.approx(88e-6, rel=0.01)
+    assert earth.known_surface(math.nan) == earth.NO_WATER and earth.known_surface(-3.0) == -3.0

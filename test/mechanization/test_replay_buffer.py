@@ -19,10 +19,6 @@ def _without_bias(sample: Sample) -> Sample:
     return h, wx - BIAS[0], wy - BIAS[1], wz - BIAS[2], fx, fy, fz
 
 
-def _raw(sample: Sample) -> Sample:
-    return sample
-
-
 def _filled(count: int, instantaneous: bool = False, vertical: bool = False) -> ReplayBuffer:
     """A history of random motion, biases removed as it went."""
     rng = np.random.default_rng(3)
@@ -34,7 +30,8 @@ def _filled(count: int, instantaneous: bool = False, vertical: bool = False) -> 
         raw: Sample = (STEP_NS * 1e-9, *row)
         sample = _without_bias(raw)
         if previous is not None:
-            state = strapdown.step(state, previous, sample, instantaneous, vertical)
+            block, settings = np.array([sample]), {"instantaneous": instantaneous, "vertical": vertical}
+            state = NavState._make(strapdown.integrate(state, previous, block, **settings)[0].tolist())
         history.add(i * STEP_NS, raw, state)
         previous = sample
     return history
@@ -74,7 +71,7 @@ def test_run_again_with_nothing_changed_is_bit_for_bit_the_same(back: int, verti
     history = _filled(700, instantaneous, vertical)
     before = _entries(history)
     entry = before[-1 - back]
-    assert history.rerun(entry.stamp_ns, entry.state, _without_bias) == before[-1].state
+    assert history.reintegrate(entry.stamp_ns, entry.state, BIAS, (0.0, 0.0, 0.0)) == before[-1].state
     assert _entries(history) == before  # samples with their biases, and every state between
 
 
@@ -84,12 +81,14 @@ def test_run_again_from_another_state_with_another_bias() -> None:
     before = _entries(history)
     start = 400
     state: NavState = nav_state.corrected(before[start].state, (3.0, -4.0, 0.0), (0.5, 0.1, 0.0), (1e-3, 2e-3, -1e-3))
-    end = history.rerun(before[start].stamp_ns, state, _raw)
+    end = history.reintegrate(before[start].stamp_ns, state, (0.0,) * 3, (0.0,) * 3)
     after = _entries(history)
     assert after[:start] == before[:start]
     assert after[start].state == state and after[-1].state == end
     for earlier, later in zip(before[start:-1], before[start + 1 :], strict=True):
-        state = strapdown.step(state, earlier.raw, later.raw, False, False)
+        state = NavState._make(
+            strapdown.integrate(state, earlier.raw, np.array([later.raw]), vertical=False)[0].tolist()
+        )
     assert end == state
     assert [entry.raw for entry in after] == [entry.raw for entry in before]
     assert math.dist(end[:4], before[-1].state[:4]) > 1e-4  # so that the test can fail

@@ -307,3 +307,19 @@ def test_schuler_oscillation() -> None:
     end = nav_state.geodetic(tuple(strapdown.integrate(tilted, tuple(samples[0]), samples, vertical=False)[-1]))
     # Earth's rotation turns the plane of swing (Foucault) by Ω sin(lat) * 2532 s = 0.1: 1 % of it is left out
     assert end.lon * 6.378e6 * math.cos(lat) == pytest.approx(2.0 * 6.378e6 * tilt, rel=0.03)
+
+
+def test_gravity_under_water() -> None:
+    """A minute 300 m deep: gravity of the air, 26e-6 g too much there, makes half a metre of height."""
+    motion = Motion(60.0, speed=constant(2.0), yaw=constant(0.5), z=constant(-300.0))
+    path = EarthMotion(motion, Origin(0.9, 0.3, 0.0), water_surface=0.0).trajectory(50.0)
+    samples = np.c_[np.full(len(path.delta_theta), 0.02), 50.0 * path.delta_theta, 50.0 * path.delta_velocity]
+    start = nav_state.initial_state(
+        path.lat[0], path.lon[0], path.height[0], tuple(path.velocity_n[0]), tuple(path.q_nb[0])
+    )
+    first = tuple(samples[0].tolist())
+    in_water, in_air = (
+        strapdown.integrate(start, first, samples, water_surface=surface)[-1, 11] for surface in (0.0, earth.NO_WATER)
+    )
+    assert in_water == pytest.approx(path.height[-1], abs=1e-3)
+    assert in_air - in_water == pytest.approx(-0.5 * 300.0 * earth.WATER_GRADIENT * 60.0**2, rel=0.01)

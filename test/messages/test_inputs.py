@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from aided_harness import BOTH, NS
 from decoding import decoded
+from navigators import Ins
 from scipy.spatial.transform import Rotation
 
 from ins_nav.cli.process import main
 from ins_nav.estimation.error_model import azimuth
 from ins_nav.mechanization import nav_state
 from ins_nav.messages.solution import SolutionMessages
-from ins_nav.navigator.realtime import RealtimeNavigator
 from ins_nav.recordings.bags import BagReader
 from ins_nav.simulation.recording import write_bag
 from ins_nav.simulation.scenarios import simulate
@@ -87,7 +87,7 @@ def test_covariances_of_the_messages(bag: Path, tmp_path: Path) -> None:
 
 
 def _filled(state: nav_state.NavState, covariance: np.ndarray, origin: nav_state.MapFrame) -> SolutionMessages:
-    ins = RealtimeNavigator({"navigation.vertical_channel": True})
+    ins = Ins({"navigation.vertical_channel": True})
     ins.state, ins.map, ins.changes = state, origin, 1
     ins.accuracy.begin(0, state, covariance, (0.0, 0.0))
     out = SolutionMessages(ins)

@@ -5,10 +5,10 @@ from typing import Any
 import numpy as np
 import pytest
 from decoding import decoded
+from navigators import Ins
 
 from ins_nav.mechanization.compiled import compiled
 from ins_nav.messages.solution import SolutionMessages, _write_numbers
-from ins_nav.navigator.realtime import RealtimeNavigator
 from ins_nav.simulation.scenarios import simulate
 
 _RATE = 100.0
@@ -20,10 +20,10 @@ def _vector(v: Any) -> list[float]:
     return [v.x, v.y, v.z]
 
 
-def _navigated(**parameters: object) -> tuple[SolutionMessages, RealtimeNavigator, np.ndarray, np.ndarray]:
+def _navigated(**parameters: object) -> tuple[SolutionMessages, Ins, np.ndarray, np.ndarray]:
     """A tactical IMU at rest for 60 s: messages of the last solution; rates and forces of all, shape (n, 3)."""
     simulation = simulate("static", 4, rate=_RATE, duration=60.0, **{"imu.preset": "tactical"})
-    navigator = RealtimeNavigator(_PLACE | _HEADING | parameters)
+    navigator = Ins(_PLACE | _HEADING | parameters)
     out = SolutionMessages(navigator)
     rates, forces = [], []
     samples = np.column_stack([simulation.angular_velocity, simulation.linear_acceleration]).tolist()
@@ -39,7 +39,7 @@ def _navigated(**parameters: object) -> tuple[SolutionMessages, RealtimeNavigato
 def test_numbers_are_written_by_one_compilation() -> None:
     """Another type among the arguments would compile again, for seconds, while samples wait."""
     before = len(compiled(_write_numbers).signatures)
-    SolutionMessages(RealtimeNavigator())
+    SolutionMessages(Ins())
     first = len(compiled(_write_numbers).signatures)
     _navigated()
     assert before <= first <= before + 1 and len(compiled(_write_numbers).signatures) == first

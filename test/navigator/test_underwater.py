@@ -12,13 +12,13 @@ from typing import Any
 import aid_messages
 import numpy as np
 import pytest
+from navigators import Filter, Ins
 
 from ins_nav.config.parameters import read_file
 from ins_nav.mechanization import earth, nav_state
 from ins_nav.messages import diagnostics
 from ins_nav.navigator.correction import Correction
-from ins_nav.navigator.delayed import DelayedNavigator
-from ins_nav.navigator.realtime import Phase, RealtimeNavigator
+from ins_nav.navigator.front_end import Phase
 from ins_nav.simulation.scenarios import Simulation, simulate
 
 pytestmark = pytest.mark.slow
@@ -90,7 +90,7 @@ class Fed:
 
     def __post_init__(self) -> None:
         parameters = read_file(CONFIG, "ins_node") | PARAMETERS | self.parameters
-        self.aided, self.ins = DelayedNavigator(parameters), RealtimeNavigator(parameters)
+        self.aided, self.ins = Filter(parameters), Ins(parameters)
 
     def feed(self, events: list[Event]) -> "Fed":
         aided, ins = self.aided, self.ins
@@ -104,7 +104,7 @@ class Fed:
             self.feedback += new
             if self.follow:
                 for feedback in new:
-                    ins.follow(feedback)
+                    ins.correct(feedback)
                 if kind == "imu":
                     ins.add_imu(*arguments)
                 elif kind == "fix":
@@ -133,7 +133,7 @@ class Fed:
         return rows[rows[:, 0] >= time]
 
 
-def off(navigator: RealtimeNavigator, stamp_ns: int, s: Simulation) -> tuple[float, float, float]:
+def off(navigator: Ins, stamp_ns: int, s: Simulation) -> tuple[float, float, float]:
     """Error of its position, which is of that stamp: east, north, up, m."""
     assert navigator.state is not None
     path, i = s.trajectory, int(np.searchsorted(s.stamps_ns, stamp_ns)) + 1
@@ -202,7 +202,7 @@ def test_lying_gauge_is_told_and_not_believed(offset: float) -> None:
     fed, events, lies = Fed(s), _events(s), s.start_ns + 415 * NS
     fed.feed([event for event in events if event[0] < lies])
     recent = [report.text for report in fed.aided.events.recent(fed.aided.stamp_ns)]
-    assert any(re.match(r"depth: (outside the gate|says what .*): off by \d", text) for text in recent)
+    assert any(re.match(r"depth: (outside the gate|repeats rejected measurements): off by \d", text) for text in recent)
     fed.feed([event for event in events if event[0] >= lies])
     assert fed.aided.records["depth"].rejected == 60
     _, up = _greatest(fed.since(DIVE))

@@ -155,7 +155,7 @@ def test_live_equals_ins_process(
     offline, corrections = processed
     with Ros(tmp_path) as ros:
         listener, started = _start(ros, *nodes, state_file=tmp_path / "state.yaml")
-        player = _play_paced(ros, drive, 5.0, corrections)
+        player = _play_paced(ros, drive, 5.0, corrections if len(nodes) > 1 else [])  # in one process none travels
         assert player.wait(_REPLAY) == 0, player.stderr
         listener.wait_for_count("odometry", len(offline))
 
@@ -241,7 +241,7 @@ def test_killed_and_started_again(drive: Path, offline: dict[int, Any], tmp_path
         filtering.kill()
         killed_ns = _last_stamp(listener)
         again = _node(ros, "alignment_node")
-        again.wait_for_output("goes on from the solution of ins_node")
+        again.wait_for_output("starts from the solution of ins_node")
         adopted_ns = _last_stamp(listener)
         listener.wait_for_count("odometry", len(offline), 60.0)
         assert player.wait() == 0

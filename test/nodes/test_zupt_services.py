@@ -1,7 +1,6 @@
 """Stops over real DDS: services refuse and calibrate, the detector calls them, in processes of their own and in one."""
 
 import math
-import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -99,7 +98,7 @@ def test_every_refusal_says_what_to_do(tmp_path: Path) -> None:
         feed(stands, 3.0, 18.0)
         listener.wait_for(lambda: last_stamp(listener) >= 17.99)
         success, text = listener.call("ins_node/zupt1")
-        assert success and text.startswith("position 1 kept after 16 s at rest"), text
+        assert success and text.startswith("position 1 recorded after 16 s at rest"), text
         refused(
             "zupt1", "no turn between the positions: yaw differs by 0.0°, at least 20° are needed; turn the vehicle"
         )
@@ -118,8 +117,9 @@ def test_every_refusal_says_what_to_do(tmp_path: Path) -> None:
         success, text = listener.call("ins_node/zupt1")
         assert not success and text.startswith("inconsistent: no drift and azimuth explain both stops"), text
         assert "its drift changed between them; this is position 1 now" in text
-        # no refusal has touched the solution: the bias is the one of the beginning, no sample is missing
-        assert [bias(received.message) for received in latched.messages("imu/bias")] == [[0.0] * 3] * 2
+        # the filter has found the drifts that changed between the stops meanwhile, and no sample is missing
+        biases = [bias(received.message) for received in latched.messages("imu/bias")]
+        assert biases[:2] == [[0.0] * 3] * 2 and np.abs(biases).max() < 1.1 * np.abs(DRIFTS).max()
         stamps = [stamp_of(received.message) for received in listener.messages("odometry")]
         assert set(np.diff(stamps)) == {20_000_000} and stamps[0] <= START_NS + 5.1e9
         feed(rocks, 0.0, 30.0)  # the stamps jump back: it starts again
@@ -220,7 +220,7 @@ def test_detector_has_the_node_calibrate_itself(live: dict[str, Outcome]) -> Non
     assert outcome.stopped == [False, True, False, True, False]
     # at first and aligned: none; then ZUPT-1 at 10 s of the second stop, ZUPT-2 at 20 s and 40 s
     assert [bias(message) for message in outcome.biases[:2]] == [[0.0] * 3] * 2
-    assert len(outcome.biases) == 5, outcome.status
+    assert len(outcome.biases) > 5, outcome.status  # and with every correction at the stops
     latched, stopped = outcome.late
     assert stamp_of(latched) == stamp_of(outcome.biases[-1]) and stopped.data is False
     # 40 s of rest without noise: floor of the blocks' trend
@@ -238,11 +238,8 @@ def test_filter_has_the_stops_to_itself(live: dict[str, Outcome]) -> None:
     """With `alignment_node`, too, the detector calls and is answered; the filter's own updates correct."""
     outcome = live["ins_system"]
     assert outcome.stopped == [False, True, False, True, False]
-    assert outcome.status["stops"] == "2" and outcome.status["ZUPT calibrations"] == "0"
-    wanted = (
-        r"zupt2 done: at rest for [34]\d s, left to alignment_node's filter, which knows gyro drifts in °/h: x -0.0"
-    )
-    assert re.match(wanted, outcome.status["last answer"])
+    assert outcome.status["stops"] == "2" and outcome.status["ZUPT calibrations"] == "3"
+    assert outcome.status["last answer"].startswith("zupt2 done: gyro drifts in °/h: x -0.02")
     covariance = np.asarray(outcome.biases[-1].angular_velocity_covariance).reshape(3, 3)
     sigma = np.degrees(np.sqrt(np.diag(covariance))) * 3600.0
     error = np.abs(np.subtract(bias(outcome.biases[-1]), DRIFTS))
@@ -253,7 +250,6 @@ def test_filter_has_the_stops_to_itself(live: dict[str, Outcome]) -> None:
 def test_live_equals_ins_process(how: str, live: dict[str, Outcome], batch: dict[str, Outcome]) -> None:
     outcome, alone = live[how], batch[how]
     assert outcome.stopped == alone.stopped
-    assert len(outcome.biases) - 1 == len(alone.biases)
     # a call that comes later by its latency, here eight times that, measures the same blocks, or one more
     assert bias(outcome.biases[-1]) == pytest.approx(bias(alone.biases[-1]), abs=1e-4)
     common = sorted(outcome.odometry.keys() & alone.odometry.keys())
@@ -269,7 +265,9 @@ def test_live_equals_ins_process(how: str, live: dict[str, Outcome], batch: dict
 def test_without_the_detector_nobody_calls(chain: Path, batch: dict[str, Outcome], tmp_path: Path) -> None:
     assert bias(batch["processes"].biases[-1]) == pytest.approx(DRIFTS, abs=1e-3)
     alone = offline(chain, tmp_path / "alone", "--nodes", "ins_node")
-    assert [bias(message) for message in alone.biases] == [[0.0] * 3]
+    # zero velocity alone shows the horizontal drifts to its own sway
+    sigma = np.degrees(np.sqrt(np.asarray(alone.biases[-1].angular_velocity_covariance)[::4])) * 3600.0
+    assert (np.abs(np.subtract(bias(alone.biases[-1]), DRIFTS)) < 3.0 * sigma).all()
     assert alone.stopped == []
 
 
@@ -298,7 +296,7 @@ def test_killed_detector_is_started_again(chain: Path, tmp_path: Path) -> None:
             assert listener.call("bag_player/resume") == (True, "playing")
             return new
 
-        detector.wait_for_output("zupt1 done: position 1 kept after ")
+        detector.wait_for_output("zupt1 done: position 1 recorded after ")
         detector = start_again(detector)
         detector.wait_for_output("stopped, .* s ago")
         # the same stop: position 1 is that of ins_node, which knows it still

@@ -1,29 +1,31 @@
-"""What the navigator does at stops: drifts and azimuth when asked, zero velocity by itself, and what it refuses."""
+"""The ZUPT services and the filter behind them: drifts and azimuth on a call, zero velocity without one, refusals."""
 
 import copy
 import functools
 import math
 import pickle
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, Self
 
 import numpy as np
 import pytest
-from decoding import decoded
+from aid_messages import FIX
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from navigators import Ins
+from rocking_base import Rocking, rocking_base
 from scipy.spatial.transform import Rotation
 
 from ins_nav.mechanization import earth, nav_state
-from ins_nav.mechanization.replay_buffer import LENGTH_NS
-from ins_nav.messages.solution import SolutionMessages, fill_bias
-from ins_nav.navigator.realtime import Phase, RealtimeNavigator
+from ins_nav.messages.solution import fill_bias
+from ins_nav.navigator.front_end import Phase
+from ins_nav.navigator.system import NavigationSystem
 from ins_nav.recordings.bags import message
 from ins_nav.simulation import scenarios
 from ins_nav.simulation.motion import Motion, Route, sinusoid
 from ins_nav.simulation.scenarios import Simulation, simulate
-from ins_nav.zupt.stop_records import grown_position
 
 Array = np.ndarray
 
@@ -33,13 +35,18 @@ DRIFT = np.array([-1e-7, -1e-7, 1e-7])
 """rad/s: as in the paper."""
 BIASED = {"imu.gyro_bias_deg_per_hour": tuple((DRIFT / DEG_PER_HOUR).tolist())}
 PERFECT = {"imu.preset": "perfect"}
+ON_CALL = {"zupt.zero_velocity": False}
 WIDE = {"imu.accel_bias_stddev_mg": 0.0, "imu.gyro_bias_stddev_deg_per_hour": 0.05}
 """Drifts of 0.02 °/h are there; at sigmas of that size the prior would hold them back by some tenths of a percent."""
+NO_WALK = {"imu.gyro_bias_walk_deg_per_hour_per_sqrt_hour": 0.0}
+ONE_METRE = np.eye(3).ravel()
 KNOWN = WIDE | {
     "initial.heading_deg": 45.0,
     "initial.heading_stddev_deg": 0.0,
     "alignment.level_duration": 40.0,
 }
+SETTLED = 5.0
+"""s after a call: delay 2.2 s, whole seconds of data, corrections half a second apart, applied 1 s later."""
 HZ = 25.0
 """Enough for standing, and for perfect sensors on a road; whoever rocks or drives with zero velocity has 50."""
 
@@ -50,7 +57,7 @@ class Fed:
     def __init__(self, s: Simulation, parameters: dict[str, Any]) -> None:
         p = s.parameters
         place = {"latitude_deg": p["lat_deg"], "longitude_deg": p["lon_deg"], "height": p["height"]}
-        self.navigator = RealtimeNavigator({f"initial.{name}": x for name, x in place.items()} | parameters)
+        self.navigator = Ins({f"initial.{name}": x for name, x in place.items()} | parameters)
         self.s = s
         self._rows = np.c_[s.angular_velocity, s.linear_acceleration].tolist()
         self._next = 0
@@ -70,6 +77,10 @@ class Fed:
         other = copy.copy(self)
         other.navigator = pickle.loads(pickle.dumps(self.navigator))  # ten times faster than deepcopy
         return other
+
+    def settle(self) -> Self:
+        """Feed what comes until the call before is in the solution: the filter's delay and aiding.feedback_time."""
+        return self.to(self._next / self.s.parameters["rate"] + SETTLED)
 
     def call(self, service: str) -> str:
         """Call a service that does it."""
@@ -94,6 +105,11 @@ class Fed:
     @property
     def bias(self) -> Array:
         return np.array(self.navigator.gyro_bias)
+
+    def within_sigmas(self, most: float = 3.0) -> None:
+        """The drifts are within so many of their sigmas."""
+        sigma = np.sqrt(np.diag(self.navigator.gyro_bias_covariance))
+        np.testing.assert_array_less(np.abs(self.bias - DRIFT), most * sigma)
 
     @property
     def solution(self) -> nav_state.Geodetic:
@@ -141,54 +157,97 @@ def driven(make: Callable[[Route], None], road: float = 5e-4, **parameters: Any)
 
 
 def test_zupt2_in_the_papers_run() -> None:
-    fed = Fed(paper(), KNOWN).to(200.0)
+    fed = Fed(paper(), KNOWN | ON_CALL).to(200.0)
     yaw_before = fed.rotation()[2]
     text = fed.call("zupt2")
     assert text.startswith("gyro drifts in °/h: x -0.0206 ± 0.0000, y -0.0206 ± 0.0000, z +0.0206 ± 0.0000")
-    np.testing.assert_allclose(fed.bias, DRIFT, rtol=1e-3)  # required; 5e-5 measured
-    assert yaw_before == pytest.approx(1e-7 * 160.0 / ARC_SECOND, rel=0.01)  # what yaw had run off is taken back
+    assert yaw_before == pytest.approx(1e-7 * 160.0 / ARC_SECOND, rel=0.02)  # and 0.05 by the way east
+    fed.settle()
+    np.testing.assert_allclose(fed.bias, DRIFT, rtol=1e-3)  # required
+    fed.within_sigmas()
     start = fed.rotation()
     # 150 m up gravity is off the ellipsoid's normal by 1e-7 rad, 0.022 arc seconds: the level that gravity gives
-    np.testing.assert_allclose(start, 0.0, atol=0.03)
+    np.testing.assert_allclose(start, 0.0, atol=0.05)
     for time in range(210, 261, 10):
         fed.to(float(time))
-        # what is left of the drifts, 5e-5 of them, for a minute
+        # what is left of the drifts, 1e-3 of them, for a minute
         np.testing.assert_allclose(fed.rotation(), start, atol=2e-3)
-        assert fed.velocity() < 1e-5  # g * 1e-7 rad for the 3 s between and since the corrections: 3e-6
-        assert fed.position() < 1e-3
-    assert fed.navigator.stops.calibrations == 1
+        # 12.5 mm/s before; the level left, 2.5e-7 rad, for a minute
+        assert fed.velocity() < 3e-4
+    assert fed.navigator.services.solved == 1
 
 
 @pytest.mark.parametrize(
-    ("rocking_deg", "period"),
+    ("rocking", "rate", "aided", "fixes", "zero_velocity"),
     [
-        (1.0, 5.0),
-        (1.0, 11.0),
-        (3.0, 5.0),
-        (3.0, 11.0),
-        (5.0, 5.0),
-        (5.0, 11.0),
+        (Rocking(0.0), 25.0, True, True, False),
+        (Rocking(1.0, 5.0, 0.7, 0.0), 50.0, False, False, True),
+        (Rocking(1.0, 11.0, 2.0, 0.5), 25.0, True, False, False),
+        (Rocking(3.0, 3.0, 1.6, 0.3), 100.0, True, False, True),
+        (Rocking(5.0, 11.0, 2.0, 0.5), 50.0, True, True, True),
+        (Rocking(5.0, 11.0, 0.7, 0.75), 50.0, False, False, False),
     ],
 )
-def test_zupt2_rocking(rocking_deg: float, period: float) -> None:
-    fed = Fed(paper(rocking_amplitude_deg=rocking_deg, period=period, rate=50.0), KNOWN).to(200.0)
-    fed.call("zupt2")
-    np.testing.assert_allclose(fed.bias, DRIFT, rtol=5e-3)  # required; 1.6e-3 measured at most
-    # yaw by the drift's error, 1e-3 of it, over the 160 s; level as when standing
-    np.testing.assert_allclose(fed.rotation(), 0.0, atol=0.1)
+def test_zupt2_on_a_rocking_base(rocking: Rocking, rate: float, aided: bool, fixes: bool, zero_velocity: bool) -> None:
+    """Rates as low as coning allows: 0.3 % of the drift at 3° and 3 s at 50 Hz, a sixteenth of that at 100 Hz."""
+    system = paper_run(rocking, rate, aided, fixes, zero_velocity)
+    error = np.array(system.realtime.gyro_bias) - DRIFT
+    sigma = np.sqrt(np.diag(system.realtime.gyro_bias_covariance))
+    np.testing.assert_array_less(np.abs(error), 5e-3 * np.abs(DRIFT))  # required
+    np.testing.assert_array_less(np.abs(error), 3.0 * sigma)
 
 
-def test_a_second_call_at_a_stop_is_as_if_it_were_the_first() -> None:
-    once = Fed(paper(), KNOWN).to(60.0)
+def test_the_answer_is_the_same_with_aids_and_without() -> None:
+    """And so is what the filter makes of it, to the sigma of fixes that say nothing of drifts."""
+    rocking = Rocking(3.0, 5.0, 1.0, 0.4)
+    answers, biases = [], []
+    for aided, fixes in ((False, False), (True, False), (True, True)):
+        system = paper_run(rocking, 25.0, aided, fixes, False, 100.0)
+        answers.append([report.text for report in system.events.drain() if report.text.startswith("zupt2: ")])
+        biases.append(system.realtime.gyro_bias)
+    assert len(answers[0]) == 1 and answers[0] == answers[1]
+    np.testing.assert_allclose(biases[0], biases[1], atol=1e-13)
+    found = [re.findall(r"[+-][0-9.]+", answer[0]) for answer in answers]
+    np.testing.assert_allclose(np.array(found[2], float), np.array(found[0], float), atol=1.5e-4)  # last digit
+    np.testing.assert_allclose(biases[2], biases[0], atol=1e-3 * 1e-7)
+
+
+def paper_run(
+    rocking: Rocking, rate: float, aided: bool, fixes: bool, zero_velocity: bool, call: float = 200.0
+) -> NavigationSystem:
+    """The paper's run on a rocking base, until the call is in the solution."""
+    system = NavigationSystem(KNOWN | {"zupt.zero_velocity": zero_velocity, **NO_WALK}, aided=aided)
+    start_ns, step_ns = 1_000_000_000_000, round(1e9 / rate)
+    rng = np.random.default_rng(1)
+    system.add("gnss/fix", FIX(start_ns, 0, 60.0, 30.0, 0.0, ONE_METRE))
+    for i, row in enumerate(rocking_base(rocking, DRIFT, call + SETTLED, rate).tolist(), 1):
+        stamp_ns = start_ns + i * step_ns
+        if fixes and i % round(rate) == 0:
+            north, east = np.degrees(rng.normal(0.0, 1.0, 2) / 6.4e6)
+            system.add("gnss/fix", FIX(stamp_ns, 0, 60.0 + north, 30.0 + 2.0 * east, 0.0, ONE_METRE))
+        system.add_imu(stamp_ns, *row)
+        if i == round(call * rate):
+            done, text = system.zupt2()
+            assert done, text
+    return system
+
+
+@pytest.mark.parametrize("zero_velocity", [False, True])
+def test_a_second_call_at_a_stop_is_as_if_it_were_the_first(zero_velocity: bool) -> None:
+    once = Fed(paper(), KNOWN | {"zupt.zero_velocity": zero_velocity}).to(60.0)
     twice = once.fork()
     twice.call("zupt2")
+    texts = []
     for fed in (once, twice):
-        fed.to(120.0).call("zupt2")
-    assert once.navigator.gyro_bias == twice.navigator.gyro_bias  # measured from the same samples
-    np.testing.assert_array_equal(once.navigator.stops.covariance, twice.navigator.stops.covariance)
-    assert once.navigator.stops.calibrations == 1 and twice.navigator.stops.calibrations == 2
-    # the same at the settled time; velocity differs by 1e-4 m/s at most, 2e-11 rad/s, in the 2 s since
-    np.testing.assert_allclose(once.rotation(), twice.rotation(), atol=1e-4)
+        texts.append(fed.to(120.0).call("zupt2"))
+        fed.settle()
+        np.testing.assert_allclose(fed.bias, DRIFT, rtol=2e-3)
+    assert texts[0] == texts[1]  # measured from the same samples
+    assert once.navigator.services.solved == 1 and twice.navigator.services.solved == 2
+    sigmas = [np.sqrt(np.diag(fed.navigator.gyro_bias_covariance)) for fed in (once, twice)]
+    # the same data: information is not counted twice
+    np.testing.assert_allclose(sigmas[1], sigmas[0], rtol=0.05)
+    np.testing.assert_allclose(once.rotation(), twice.rotation(), atol=2e-3)
 
 
 @pytest.mark.parametrize("preset", ["perfect", "navigation"])
@@ -196,15 +255,16 @@ def test_a_second_call_at_a_stop_is_as_if_it_were_the_first() -> None:
 def test_a_call_some_samples_later_gives_the_same(after: float, preset: str) -> None:
     """Live a service comes a little later than in `ins_process`."""
     fed = Fed(_short_drive(preset), KNOWN | {"alignment.level_duration": 5.0}).to(25.0)
-    stops = fed.navigator.stops
-    assert stops.detector.stopped
-    since = (stops.detector.since_ns - fed.s.start_ns) * 1e-9
+    detector = fed.navigator.detector
+    assert detector.stopped
+    since = (detector.since_ns - fed.s.start_ns) * 1e-9
     offline, live = fed.to(since + after).fork(), fed.to(since + after + 0.08)
-    live.call("zupt2")
-    offline.call("zupt2")
+    assert live.call("zupt2") == offline.call("zupt2")
+    offline.to(since + after + 6.0)
+    live.to(since + after + 6.0)
+    # the filter measures the stop at the end of the same whole second
     assert live.navigator.gyro_bias == offline.navigator.gyro_bias
-    # level by 0.1 s more of the same data: the noise of attitude over that, 0.002 °/√h * √0.1 s, is 0.04 arc seconds
-    np.testing.assert_allclose(live.rotation(), offline.to(since + after + 0.08).rotation(), atol=0.1)
+    np.testing.assert_array_equal(live.rotation(), offline.rotation())
 
 
 @functools.cache
@@ -219,73 +279,55 @@ def _short_drive(preset: str) -> Simulation:
 
 
 def test_covariances_after_zupt2() -> None:
-    fed = Fed(paper(), KNOWN).to(100.0)
+    fed = Fed(paper(), KNOWN | ON_CALL).to(100.0)
     before = fed.navigator.changes
     fed.call("zupt2")
+    fed.settle()
     n = fed.navigator
     assert n.changes == before + 1
-    # since the settled state, 2.2 to 2.3 s ago, they have walked
-    walk = (0.003 * DEG_PER_HOUR / 60.0) ** 2
-    grown = (np.diag(n.gyro_bias_covariance) - np.diag(n.stops.covariance)[:3]) / walk
-    assert np.all((grown > 2.19) & (grown < 2.31))
     # without noise: far less than the 0.05 °/h before
-    assert np.all(np.diag(n.gyro_bias_covariance) < (1e-3 * DEG_PER_HOUR) ** 2)
-    _attitude_as_found(n)
+    assert np.all(np.diag(n.gyro_bias_covariance) < (2e-3 * DEG_PER_HOUR) ** 2)
     bias = message("sensor_msgs/msg/Imu")
     fill_bias(bias, n, "base_link")
     assert bias.orientation_covariance[0] == -1.0
     np.testing.assert_array_equal(bias.angular_velocity_covariance, n.gyro_bias_covariance.ravel())
     assert (bias.angular_velocity.x, bias.angular_velocity.y, bias.angular_velocity.z) == n.gyro_bias
-    solution = SolutionMessages(n)
-    assert solution.due() and solution.first
-    solution.fill()
-    odometry, imu, fix = map(decoded, (solution.odometry, solution.imu, solution.fix))
-    # n is east-north-up
-    np.testing.assert_allclose(imu.orientation_covariance, n.attitude_covariance.ravel(), rtol=1e-6)
-    assert fix.position_covariance_type == 3
-    for covariance in (
-        odometry.pose.covariance,
-        odometry.twist.covariance,
-        fix.position_covariance,
-    ):
-        matrix = np.reshape(covariance, (math.isqrt(len(covariance)),) * 2)
-        assert np.linalg.eigvalsh(matrix)[0] > 0.0
 
 
-def _attitude_as_found(n: RealtimeNavigator) -> None:
-    """Heading as the ZUPT left it; level too, and what the accelerometers have walked since the start tilts it."""
-    level = n.stops.level_variance + np.diag(n.accel_bias_covariance)[:2] / 9.81**2
-    expected = [*level, n.stops.covariance[3, 3]]
-    # the accelerometers have walked on since: for 2 to 7 s, a twentieth of the time
-    np.testing.assert_allclose(np.diag(n.attitude_covariance), expected, rtol=0.06, atol=(5e-9) ** 2)
-
-
-def test_drifts_beyond_their_sigma_are_believed_and_told() -> None:
-    fed = Fed(paper(), KNOWN | {"imu.gyro_bias_stddev_deg_per_hour": 1e-3}).to(200.0)  # they are 20 times that
-    text = fed.call("zupt2")
-    assert text.endswith("; more than imu.gyro_bias_stddev_deg_per_hour allows: set it to what the gyros have")
-    np.testing.assert_allclose(fed.bias, DRIFT, rtol=5e-3)  # the prior, at 4 of its new sigmas, holds back a little
+def test_drifts_beyond_their_sigma_are_reported() -> None:
+    narrow = {"imu.gyro_bias_stddev_deg_per_hour": 1e-3}  # the drifts are 20 times that
+    text = Fed(paper(), KNOWN | ON_CALL | narrow).to(200.0).call("zupt2")
+    assert text.endswith(
+        "; more than imu.gyro_bias_stddev_deg_per_hour (or its random walk since the last stop) allows: set it to what "
+        "the gyros have"
+    )
+    assert "x -0.020" in text
 
 
 # ZUPT-1
 
 
+@pytest.mark.parametrize("zero_velocity", [False, True])
 @pytest.mark.parametrize("turn_deg", [90.0, 180.0])
-def test_zupt1_after_self_alignment_and_a_turn(turn_deg: float) -> None:
-    fed = Fed(paper("zupt1_two_positions", turn_deg=turn_deg, duration=410.0), WIDE).to(190.0)
+def test_zupt1_after_self_alignment_and_a_turn(turn_deg: float, zero_velocity: bool) -> None:
+    fed = Fed(
+        paper("zupt1_two_positions", turn_deg=turn_deg, duration=410.0), WIDE | {"zupt.zero_velocity": zero_velocity}
+    ).to(190.0)
     # the east drift, by the horizontal rate of the Earth, is none here: sin 45° - sin 45°; yaw has run off since
     assert fed.rotation()[2] > 2.0
     text = fed.call("zupt1")
-    assert text.startswith("position 1 kept after 18") and fed.navigator.stops.calibrations == 0
-    text = fed.to(405.0).call("zupt1")
-    assert "heading corrected by +0.002" in text
-    np.testing.assert_allclose(fed.bias, DRIFT, rtol=5e-3)  # required; 1.5e-4 measured
-    for time in (405.0, 410.0):
-        assert abs(fed.to(time).rotation()[2]) < 2.0  # arc seconds, required; 0.1 measured
-        np.testing.assert_allclose(fed.rotation()[:2], 0.0, atol=0.1)
-    n = fed.navigator
-    _attitude_as_found(n)
-    assert math.sqrt(n.attitude_covariance[2, 2]) > abs(fed.rotation()[2]) * ARC_SECOND
+    assert text.startswith("position 1 recorded after 18") and fed.navigator.services.solved == 0
+    off = fed.to(405.0).rotation()[2]
+    reported = re.search(r"heading corrected by (\S+)° ± (\S+)°", fed.call("zupt1"))
+    assert reported is not None
+    # left is positive there, clockwise is positive here
+    assert float(reported[1]) == pytest.approx(off / 3600.0, abs=3.0 * float(reported[2]))
+    fed.settle()
+    np.testing.assert_allclose(fed.bias, DRIFT, rtol=5e-3)  # required
+    fed.within_sigmas()
+    assert abs(fed.rotation()[2]) < 2.0  # arc seconds, required
+    np.testing.assert_allclose(fed.rotation()[:2], 0.0, atol=0.1)
+    assert 3.0 * math.sqrt(fed.navigator.attitude_covariance[2, 2]) > abs(fed.rotation()[2]) * ARC_SECOND
 
 
 @functools.cache
@@ -317,20 +359,22 @@ TWO = WIDE | {
 @functools.cache
 def _in_position_2() -> Fed:
     """`zupt1` has been called once; not to be fed: fork it."""
-    fed = Fed(_two_positions(), TWO).to(175.0)
-    assert "(heading known to 0.5000°)" in fed.call("zupt1")
+    fed = Fed(_two_positions(), TWO | ON_CALL).to(175.0)
+    assert "(heading known to 0.5" in fed.call("zupt1")
     return fed.to(338.0)
 
 
 def test_zupt1_from_two_stops_on_the_way() -> None:
     fed = _in_position_2().fork()
-    assert fed.rotation()[2] == pytest.approx(-720.0, abs=10.0)
-    assert "heading corrected by -0.19" in fed.call("zupt1")
-    np.testing.assert_allclose(fed.bias, DRIFT, rtol=5e-3)  # required; 1.5e-4 measured
-    assert abs(fed.rotation()[2]) < 2.0  # required; 0.1 measured
+    # off by 720 at the start; position 1 alone reduces that as far as sigmas of 0.05 °/h and 0.5° allow
+    assert -400.0 < fed.rotation()[2] < -200.0
+    fed.call("zupt1")
     # and again: this is position 1 now
-    assert "stop too short" in fed.refused("zupt1")
-    assert "position 1 kept after 7 s" in fed.to(344.9).call("zupt1")
+    fed.to(343.0)
+    np.testing.assert_allclose(fed.bias, DRIFT, rtol=5e-3)  # required
+    fed.within_sigmas()
+    assert abs(fed.rotation()[2]) < 2.0  # required
+    assert "position 1 recorded after 1" in fed.call("zupt1")
 
 
 def test_zupt2_between_the_positions_is_allowed_for() -> None:
@@ -338,8 +382,8 @@ def test_zupt2_between_the_positions_is_allowed_for() -> None:
     fed = Fed(_two_positions(), TWO | {"initial.heading_deg": 45.0}).to(150.0)
     fed.call("zupt1")
     fed.to(175.0).call("zupt2")
-    np.testing.assert_allclose(fed.bias, DRIFT, rtol=0.01)  # the sigma of 0.5° says so little of east that it holds
     fed.to(338.0).call("zupt1")
+    fed.settle()
     np.testing.assert_allclose(fed.bias, DRIFT, rtol=5e-3)
     assert abs(fed.rotation()[2]) < 2.0
 
@@ -347,13 +391,16 @@ def test_zupt2_between_the_positions_is_allowed_for() -> None:
 def test_alignment_again_forgets_position_1() -> None:
     fed = Fed(paper("zupt1_two_positions", duration=410.0), KNOWN).to(100.0)
     fed.call("zupt2")
-    frame, bias = fed.navigator.map, fed.navigator.gyro_bias
+    fed.settle()
     fed.call("zupt1")
+    fed.settle()
+    frame, bias = fed.navigator.map, fed.navigator.gyro_bias
     fed.navigator.align()
-    fed.to(145.0)
+    fed.to(155.0)
     assert fed.navigator.phase is Phase.NAVIGATING
-    assert "position 1 kept" in fed.call("zupt1")  # not "no turn between the positions"
-    assert fed.navigator.map is frame and fed.navigator.gyro_bias == bias
+    assert "position 1 recorded" in fed.call("zupt1")  # not "no turn between the positions"
+    assert fed.navigator.map is frame
+    np.testing.assert_allclose(fed.bias, bias, rtol=2e-3)
 
 
 def test_a_restart_forgets_everything() -> None:
@@ -368,15 +415,16 @@ def test_a_restart_forgets_everything() -> None:
     assert n.restarts == 1 and n.phase is Phase.COARSE
     assert n.gyro_bias == (0.0, 0.0, 0.0)
     np.testing.assert_array_equal(n.gyro_bias_covariance, np.eye(3) * (0.05 * DEG_PER_HOUR) ** 2)
-    assert (n.stops.calibrations, n.stops.held, n.stops.doubted) == (0, 0, 0)
+    assert n.services.solved == 0
     again.to(100.0)
     assert n.map is not None and n.map is not frame
-    assert "position 1 kept" in again.call("zupt1")
+    assert "position 1 recorded" in again.call("zupt1")
     first = Fed(paper(), KNOWN).to(100.0)
-    first.call("zupt2")
-    again.call("zupt2")
     # the second round begins with the sample that was kept until the next confirmed it
-    assert n.gyro_bias == first.navigator.gyro_bias
+    assert again.call("zupt2") == first.call("zupt2")
+    first.settle()
+    again.settle()
+    np.testing.assert_allclose(n.gyro_bias, first.bias, rtol=1e-3)
 
 
 # Refusals
@@ -425,20 +473,20 @@ def test_a_drift_that_changed_between_the_positions_is_refused() -> None:
     step = np.where(np.arange(len(s.stamps_ns)) < 200.0 * 50.0, 0.0, 1e-6)[:, None]
     fed = Fed(replace(s, angular_velocity=s.angular_velocity + step * [0.0, 0.0, 1.0]), TWO).to(175.0)
     fed.call("zupt1")
+    np.testing.assert_allclose(fed.to(300.0).bias[2], DRIFT[2] + 1e-6, rtol=5e-3)  # from yaw at rest, without a call
     sentence = fed.to(330.0).refused("zupt1")
     assert sentence.startswith("inconsistent: no drift and azimuth explain both stops (chi-square ")
     assert "its drift changed between them; this is position 1 now" in sentence
-    fed.call("zupt2")  # position 1 is kept, and the rest goes on
-    np.testing.assert_allclose(fed.bias[2], DRIFT[2] + 1e-6, rtol=5e-3)
+    assert "z +0.227" in fed.call("zupt2")  # position 1 stays, and the rest goes on
 
 
 def test_even_motion_that_looks_like_rest_is_doubted() -> None:
     """After a gap the detector knows nothing, but the solution does."""
     s = simulate("vehicle", 0, duration=80.0, stand_time=20.0, rate=HZ, **PERFECT)
     fed = Fed(s, {"initial.heading_deg": 30.0}).to(34.0).to(36.0, skip=True).to(42.0)  # at 12 m/s, straight on
-    stops = fed.navigator.stops
-    assert stops.detector.stopped and (stops.doubted, stops.held) == (1, 0)
-    assert stops.velocity_error == pytest.approx(12.0, abs=0.01)
+    assert fed.navigator.detector.stopped
+    assert fed.navigator.events.counts["stops doubted"] == 1
+    assert fed.navigator.delayed.records["zero velocity"].last.stamp_ns < fed.s.start_ns + 25 * 10**9
     assert fed.velocity() < 0.01
     sentence = fed.refused("zupt2")
     assert sentence.startswith("moving: the IMU seems to rest, but the solution moves at 12.0 m/s; if the vehicle does")
@@ -475,7 +523,7 @@ def test_zero_velocity(errors: dict[str, Any], sigmas: dict[str, Any]) -> None:
         assert held.velocity() < 0.1 < 0.3 < free.velocity()
         # what is left after the first stop is the shape of the error's growth, unknown; measured 1.5 and 6.5, 75 and 14
         assert held.position() * (gain if time < 200.0 else 10.0) < free.position()
-    assert held.navigator.stops.held == free.navigator.stops.held == 2
+    assert not free.navigator.delayed.records
     held.call("zupt2")
     assert held.to(262.0).velocity() < 0.1
 
@@ -529,11 +577,11 @@ def test_gyros_said_to_have_no_bias_at_all(heading: dict[str, float]) -> None:
 
 def test_going_on_from_a_state_of_the_past_with_nothing_changed() -> None:
     fed = Fed(_two_positions(), TWO).to(47.0)
-    n = fed.navigator
-    before, history = n.state, n._history
-    assert len(history) == LENGTH_NS * 50.0 * 1e-9 + 1
-    for entry in (history.at(0), history.at(n.stamp_ns - 3_000_000_000), history.at(n.stamp_ns)):
-        assert history.rerun(entry.stamp_ns, entry.state, n._without_bias) == before
+    n = fed.navigator.realtime
+    before, buffer = n.state, n.buffer
+    for back_ns in (11_000_000_000, 3_000_000_000, 0):
+        entry = buffer.at(n.stamp_ns - back_ns)
+        assert buffer.reintegrate(entry.stamp_ns, entry.state, n.gyro_bias, n.accel_bias) == before
 
 
 _STEPS = st.one_of(
@@ -562,7 +610,7 @@ def _pieces() -> dict[str, list[list[float]]]:
 @given(st.lists(_STEPS, max_size=12), st.sampled_from([0.001, 0.01, 10.0]), st.booleans())
 def test_any_order_of_calls_and_events(steps: list[tuple[str, int]], stddev: float, vertical: bool) -> None:
     """Never raises, never leaves anything that is not finite, navigates again after a restart."""
-    n = RealtimeNavigator(
+    n = Ins(
         {
             "initial.latitude_deg": 55.7,
             "initial.longitude_deg": 37.6,
@@ -583,7 +631,7 @@ def test_any_order_of_calls_and_events(steps: list[tuple[str, int]], stddev: flo
             stamp += 40_000_000
             n.add_imu(stamp, *rows[at[name] % len(rows)])
             at[name] += 1
-        values = [*n.gyro_bias, *(n.state or ()), *n.stops.covariance.ravel(), *n.attitude_covariance.ravel()]
+        values = [*n.gyro_bias, *(n.state or ()), *n.attitude_covariance.ravel(), *n.gyro_bias_covariance.ravel()]
         assert all(map(math.isfinite, values))
 
     feed("stand", 150)
@@ -605,16 +653,6 @@ def test_any_order_of_calls_and_events(steps: list[tuple[str, int]], stddev: flo
     assert n.phase is Phase.NAVIGATING
     done, text = n.zupt2()
     assert done, text
-
-
-def test_position_follows_velocity_by_half_of_the_time_at_most() -> None:
-    """Near Schuler's period velocity is zero whatever the error was: what has grown out of it cannot be known."""
-    for drift in (0.01, 1.0, 30.0):
-        variance = (drift * DEG_PER_HOUR) ** 2
-        found = [grown_position(float(time), 5e-4, variance, 1e-12) for time in range(0, 18001, 20)]
-        assert all(0.0 <= grown <= 0.5 * time for time, (grown, _) in zip(range(0, 18001, 20), found, strict=True))
-        sigmas = [stddev for _, stddev in found]
-        assert sigmas == sorted(sigmas)  # known ever less
 
 
 def test_a_heading_given_is_not_taken_again() -> None:

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from rocking_base import Rocking, first_attitude, rocking_base
 from scipy import stats
 from scipy.spatial.transform import Rotation
 
@@ -154,3 +155,22 @@ def test_errors_with_noise_are_as_the_covariances_say() -> None:
 def test_a_stop_too_short_is_refused() -> None:
     with pytest.raises(ZuptError, match=r"stop too short: 2\.0 s of at least 6 s; stand still"):
         _rest(_run(), end=START + 2.0).result()
+
+
+@pytest.mark.parametrize("apart", [0.0, 0.7, 2.0])
+@pytest.mark.parametrize("start", [0.0, 0.5])
+@pytest.mark.parametrize("period", [5.0, 11.0])
+def test_a_short_stop_on_a_rocking_base(period: float, start: float, apart: float) -> None:
+    """60 s are not whole periods: rate and attitude must be means with the same weights."""
+    duration, rate = 62.0, 50.0
+    samples = rocking_base(Rocking(5.0, period, apart, start), DRIFT, duration, rate)
+    rows = np.column_stack([np.full(len(samples), 1.0 / rate), samples]).tolist()
+    q = Rotation.from_euler("ZYX", first_attitude(Rocking(5.0, period, apart, start), rate)).as_quat()
+    rest = StationaryRates(initial_state(math.radians(60.0), 0.5, 0.0, (0.0, 0.0, 0.0), tuple(q.tolist())))
+    for previous, sample in itertools.pairwise(rows):
+        rest.add(previous, sample, False)
+    m = rest.result().measurement
+    off = m.rate - m.rot_sb @ DRIFT
+    # 1e-10 is the error of the model; 8e-10 with a plain mean of attitude
+    assert abs(off[2]) < 3e-10
+    np.testing.assert_array_less(np.abs(off), 3.0 * np.sqrt(np.diag(m.covariance) + 1e-20))

@@ -6,7 +6,7 @@ from typing import ClassVar
 import numpy as np
 
 from ins_nav.config.declaration import parameter
-from ins_nav.estimation.imu_error import READING, Array, ImuError
+from ins_nav.estimation.imu_error import READING, Array, ImuError, estimated
 
 
 @dataclass(frozen=True)
@@ -24,6 +24,7 @@ class AccelScale(ImuError):
         high=1e5,
         scale=1e-6,
     )
+    estimated: bool = estimated("accel_scale_estimated", "the accelerometers' scale factors")
 
     def columns(self, reading: Array) -> Array:
         """As of `ImuError.columns`."""

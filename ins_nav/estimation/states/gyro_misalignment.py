@@ -6,7 +6,7 @@ from typing import ClassVar
 import numpy as np
 
 from ins_nav.config.declaration import ARCSEC, parameter
-from ins_nav.estimation.imu_error import READING, Array, ImuError
+from ins_nav.estimation.imu_error import READING, Array, ImuError, estimated
 
 
 @dataclass(frozen=True)
@@ -27,6 +27,7 @@ class GyroMisalignment(ImuError):
         high=36000.0,
         scale=ARCSEC,
     )
+    estimated: bool = estimated("gyro_misalignment_estimated", "the gyros' misalignments")
 
     def columns(self, reading: Array) -> Array:
         """As of `ImuError.columns`."""

@@ -1,0 +1,373 @@
+"""Everything before navigation, once in a process: IMU stream, mounting, stop detection, coarse alignment.
+
+`FrontEnd` turns messages of an IMU into samples on base_link's axes and finds the first attitude. What comes after
+alignment is the business of its listeners: the real-time and the delayed navigator hold one `FrontEnd` together.
+"""
+
+import enum
+import math
+from collections import deque
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from ins_nav.alignment.coarse_alignment import Alignment, AlignmentError, CoarseAlignment
+from ins_nav.alignment.gravity_cone import GravityCone
+from ins_nav.alignment.handover import after_alignment
+from ins_nav.alignment.initial_position import InitialPosition, Place
+from ins_nav.config.configuration import Configuration
+from ins_nav.config.state_file import Pose
+from ins_nav.estimation.covariance_propagation import imu_errors
+from ins_nav.estimation.error_model import Vector
+from ins_nav.estimation.state_layout import HEADING, HEIGHT, HORIZONTAL_POSITION
+from ins_nav.event_log import ERROR, INFO, WARN, EventLog
+from ins_nav.mechanization import attitude, nav_state
+from ins_nav.mechanization.earth import known_surface
+from ins_nav.mechanization.imu_stream import ImuStream
+from ins_nav.mechanization.nav_state import MapFrame, NavState
+from ins_nav.mechanization.replay_buffer import LENGTH_NS
+from ins_nav.mechanization.strapdown import Sample, without_bias
+from ins_nav.stop_detection.detector import Change, StopDetector
+from ins_nav.stop_detection.stop_limits import StopLimits
+
+Array = NDArray[np.float64]
+
+_COARSE_GAP = 0.1
+"""s: a longer gap loses the attitude of a rocking base: coarse alignment starts again, and the filter widens."""
+
+
+class Phase(enum.Enum):
+    """Phase of navigation."""
+
+    WAITING = "waiting"
+    COARSE = "coarse"
+    FINE = "fine"
+    NAVIGATING = "navigating"
+
+
+class Biases(NamedTuple):
+    """Sensor biases on base_link's axes: rad/s, m/s², and the covariance of the six, shape (6, 6)."""
+
+    gyro: Vector
+    accel: Vector
+    covariance: Array
+
+
+class Aligned(NamedTuple):
+    """The first solution after coarse alignment.
+
+    Attributes
+    ----------
+    stamp_ns : int
+    raw : Sample
+        The sample at the stamp, on base_link's axes, biases not removed.
+    state : NavState
+        On axes n that are east-north-up.
+    biases : Biases
+        Removed during alignment.
+    covariance : ndarray, shape (15, 15)
+        Of the errors (`ins_nav.estimation.error_model`).
+    noise : 2 floats
+        White noise of gyros and accelerometers, rad/√s and m/s/√s.
+    cone : GravityCone
+        The data of alignment.
+    heading_given : bool
+        Heading comes from a parameter; otherwise alignment found it.
+    """
+
+    stamp_ns: int
+    raw: Sample
+    state: NavState
+    biases: Biases
+    covariance: Array
+    noise: tuple[float, float]
+    cone: GravityCone
+    heading_given: bool
+
+
+class Listener(Protocol):
+    """A navigator behind the front end."""
+
+    def end(self) -> None:
+        """Alignment starts again; there is no solution until `begin`."""
+
+    def begin(self, aligned: Aligned) -> None:
+        """Alignment is done."""
+
+    def advance(self, stamp_ns: int, raw: Sample, change: Change | None) -> None:
+        """Process one sample after alignment.
+
+        Parameters
+        ----------
+        stamp_ns : int
+        raw : Sample
+            On base_link's axes, biases not removed.
+        change : Change or None
+            A stop that begins or ends, decided with this sample.
+        """
+
+
+class FrontEnd:
+    """Stream, mounting, phases, alignment.
+
+    Parameters
+    ----------
+    configuration : Configuration
+    events : EventLog
+    last_pose : Pose or None
+        Of the last run, from ``state_file``.
+
+    Attributes
+    ----------
+    listeners : list of Listener
+        Called in order.
+    phase : Phase
+        WAITING, COARSE, or NAVIGATING once alignment is done.
+    stamp_ns : int
+        Of the last sample; 0 before the first.
+    previous, raw : Sample
+        The last two samples, on base_link's axes, biases not removed.
+    biases : Biases
+        Removed during alignment.
+    restarts : int
+        Number of jumps of the stamps.
+    aligned_ns : int
+        Stamp at which alignment ended; 0 before.
+    map : MapFrame or None
+        East-north-up at the place of the first alignment since the start or the last restart.
+    recent : deque of (stamp, Sample)
+        The last 12 s, on base_link's axes, biases not removed.
+    first_ns : int
+        Stamp of the first sample since the start or the last restart.
+    """
+
+    def __init__(self, configuration: Configuration, events: EventLog, last_pose: Pose | None = None) -> None:
+        imu, initial, alignment = configuration.imu, configuration.initial, configuration.alignment
+        self.configuration = configuration
+        self.events = events
+        self.listeners: list[Listener] = []
+        self.instantaneous = imu.instantaneous
+        self.vertical = configuration.navigation.vertical_channel
+        self.water_surface = known_surface(configuration.navigation.water_surface)
+        self.stream = ImuStream(events, imu)
+        self.detector = StopDetector(StopLimits.of(configuration.stop, imu))
+        mounting = Rotation.from_euler("ZYX", imu.mounting_rpy[::-1])
+        x, y, z, w = mounting.as_quat().tolist()
+        self._q_mounting = (x, y, z, w) if mounting.magnitude() > 0.0 else None
+        self._position = InitialPosition(initial, last_pose, events)
+        sigmas = [imu.gyro_bias_stddev] * 3 + [imu.accel_bias_stddev] * 3
+        self._given = Biases(imu.gyro_bias, imu.accel_bias, np.diag(np.square(sigmas)))
+        self._given_heading = None if math.isnan(initial.heading) else initial.heading
+        self.duration = alignment.duration if self._given_heading is None else alignment.level_duration
+        self.restarts = 0
+        self._restart()
+
+    def _restart(self) -> None:
+        """Before the first sample, and after a jump of the stamps."""
+        self.stamp_ns = self.aligned_ns = 0
+        self.map: MapFrame | None = None
+        self.previous: Sample = (0.0,) * 7
+        self.raw: Sample = (0.0,) * 7
+        self.recent: deque[tuple[int, Sample]] = deque()
+        self.first_ns = 0
+        self.biases = self._given
+        self._heading = self._given_heading
+        self._heading_stddev = self.configuration.initial.heading_stddev
+        self.detector.restart()
+        self._position.begin()
+        self._start_alignment()
+
+    def _start_alignment(self) -> None:
+        self.phase = Phase.COARSE if self.first_ns else Phase.WAITING
+        gyro, accel = (math.sqrt(float(self.biases.covariance.diagonal()[i : i + 3].max())) for i in (0, 3))
+        self._alignment = CoarseAlignment(self.duration, gyro, accel, self.configuration.alignment.max_speed)
+        for listener in self.listeners:
+            listener.end()
+
+    @property
+    def aligned(self) -> bool:
+        """Whether alignment is done."""
+        return self.phase is Phase.NAVIGATING
+
+    @property
+    def progress(self) -> float:
+        """Share of alignment done, 0 to 1."""
+        return 1.0 if self.aligned else min(1.0, self._alignment.time / self.duration)
+
+    def align(self, state: NavState | None, biases: Biases | None, covariance: Array | None) -> str:
+        """Start alignment again; the result says what happens now.
+
+        A present solution (all three arguments, or none) gives the place, the biases, and, where the heading was
+        given at the start, the heading, with its own uncertainty.
+
+        Parameters
+        ----------
+        state : NavState or None
+        biases : Biases or None
+        covariance : ndarray, shape (15, 15), or None
+        """
+        if state is not None and biases is not None and covariance is not None:
+            where = nav_state.geodetic(state)
+            variances = covariance.diagonal()
+            stddev = math.sqrt(float(variances[HORIZONTAL_POSITION].max()))
+            up = math.sqrt(float(variances[HEIGHT]))
+            self._position.put(Place(where.lat, where.lon, where.height, (stddev, stddev, up)))
+            self.biases = biases
+            if self._heading is not None:
+                self._heading = attitude.heading_from_yaw(attitude.to_euler(where.q_gb)[2])
+                self._heading_stddev = math.sqrt(float(variances[HEADING]))
+        self._position.renew()
+        self._start_alignment()
+        return f"alignment started: stand still, or rock without travelling, for {self.duration:g} s"
+
+    def observe_position(self, place: Place, topic: str) -> None:
+        """Process a place that an aid measures: during alignment, the first one is used, unless parameters give one.
+
+        Parameters
+        ----------
+        place : Place
+        topic : str
+            Of the aid.
+        """
+        if not self.aligned:
+            self._position.observe(place, topic, self.stamp_ns)
+
+    def add_imu(self, stamp_ns: int, wx: float, wy: float, wz: float, fx: float, fy: float, fz: float) -> None:
+        """Process one IMU sample on the IMU's axes.
+
+        Parameters
+        ----------
+        stamp_ns : int
+        wx, wy, wz, fx, fy, fz : float
+            Angular velocity, rad/s, and specific force, m/s².
+        """
+        for stamp, item in self.stream.accept(stamp_ns, wx, wy, wz, fx, fy, fz):
+            if isinstance(item, float):
+                self.restarts += 1
+                self._restart()
+            else:
+                self._advance(stamp, item)
+
+    def is_long_gap(self, sample: Sample) -> bool:
+        """Whether the interval of a sample is a gap that attitude does not survive on a rocking base."""
+        return sample[0] > max(_COARSE_GAP, 2.0 * self.stream.regular)
+
+    def gap_errors(self, before: Sample, raw: Sample) -> tuple[Array, Array]:
+        """Errors that a gap may hide, from the changes of rates and forces within its length at other times.
+
+        Parameters
+        ----------
+        before, raw : Sample
+            The last sample before the gap, and the one that ends it.
+
+        Returns
+        -------
+        turn, speed : ndarray, shape (3,)
+            On the body's axes, rad and m/s.
+        """
+        samples = np.array([sample for _, sample in self.recent])
+        whole = samples[samples[:, 0] <= self.stream.regular, 1:]
+        lag = min(max(1, round(raw[0] / float(np.median(samples[:, 0])))), len(whole) // 2)
+        changes = np.abs(np.vstack([whole[lag:] - whole[: len(whole) - lag], np.subtract(raw, before)[None, 1:]]))
+        errors = 0.5 * raw[0] * changes.max(axis=0)
+        return errors[:3], errors[3:]
+
+    def _on_base_link(self, sample: Sample) -> Sample:
+        if self._q_mounting is None:
+            return sample
+        h, wx, wy, wz, fx, fy, fz = sample
+        wx, wy, wz = attitude.rotate(self._q_mounting, wx, wy, wz)
+        fx, fy, fz = attitude.rotate(self._q_mounting, fx, fy, fz)
+        return h, wx, wy, wz, fx, fy, fz
+
+    def _advance(self, stamp_ns: int, from_imu: Sample) -> None:
+        raw = self._on_base_link(from_imu)
+        self.stamp_ns = stamp_ns
+        if not self.first_ns:
+            self.first_ns, self.raw, self.phase = stamp_ns, raw, Phase.COARSE
+            self.recent.append((stamp_ns, raw))
+            return
+        h, *values = self.raw
+        self.previous = (h or raw[0], *values)  # type: ignore[assignment]  # the first has no interval of its own
+        self.raw = raw
+        recent = self.recent
+        recent.append((stamp_ns, raw))
+        while recent[0][0] < stamp_ns - LENGTH_NS:
+            recent.popleft()
+        change = self.detector.add(stamp_ns, from_imu)
+        if self.aligned:
+            for listener in self.listeners:
+                listener.advance(stamp_ns, raw, change)
+        else:
+            self._coarse(stamp_ns, raw)
+
+    def _coarse(self, stamp_ns: int, raw: Sample) -> None:
+        if self.is_long_gap(raw):
+            text = f"coarse alignment starts again after a gap of {raw[0]:.3f} s in imu/data_raw"
+            self.events.count("alignment restarts", WARN, text, stamp_ns)
+            self._position.renew()
+            self._start_alignment()
+            return
+        try:
+            gyro, accel, _ = self.biases
+            self._alignment.add(
+                without_bias(self.previous, gyro, accel), without_bias(raw, gyro, accel), self.instantaneous
+            )
+            if self._alignment.time < self.duration * (1.0 - 1e-9):
+                return
+            place = self._position.found(stamp_ns)
+            if place is None:
+                return
+            alignment = self._alignment.solve(place.lat, place.height, self._heading, self._heading_stddev)
+        except AlignmentError as error:
+            self.events.count("alignment restarts", ERROR, f"alignment from imu/data_raw: {error}", stamp_ns)
+            self._position.renew()
+            self._start_alignment()
+            return
+        self._begin(stamp_ns, alignment, place)
+
+    def _begin(self, stamp_ns: int, alignment: Alignment, place: Place) -> None:
+        east, north, up = alignment.velocity_g
+        velocity = (east, north, up if self.vertical else 0.0)
+        state = nav_state.initial_state(place.lat, place.lon, place.height, velocity, alignment.q_gb)
+        arm = attitude.rotate(alignment.q_gb, *place.lever_arm)
+        if any(arm):  # the place is that of an antenna
+            state = nav_state.corrected(state, (-arm[0], -arm[1], -arm[2]))
+        if self.map is None:  # it stays where it was when alignment is repeated
+            where = nav_state.geodetic(state)
+            self.map = MapFrame(where.lat, where.lon, where.height)
+        self.aligned_ns = stamp_ns
+        self.phase = Phase.NAVIGATING
+        self._report(alignment)
+        aligned = Aligned(
+            stamp_ns,
+            self.raw,
+            state,
+            self.biases,
+            after_alignment(alignment, state, place.stddev, arm, imu_errors(self.configuration)),
+            (alignment.gyro_noise, alignment.accel_noise),
+            self._alignment.cone,
+            self._heading is not None,
+        )
+        for listener in self.listeners:
+            listener.begin(aligned)
+
+    def _report(self, alignment: Alignment) -> None:
+        roll, pitch, yaw = attitude.to_euler(alignment.q_gb)
+        heading = math.degrees(attitude.heading_from_yaw(yaw))
+        sigma = "given" if self._heading is not None else f"sigma {math.degrees(alignment.heading_stddev):.3f}°"
+        level = math.degrees(math.sqrt(max(alignment.covariance[0, 0], alignment.covariance[1, 1])))
+        self.events.report(
+            INFO,
+            f"aligned in {self._alignment.time:.1f} s: heading {heading:.3f}° ({sigma}), roll "
+            f"{math.degrees(roll):.3f}°, pitch {math.degrees(pitch):.3f}° (sigma {level:.4f}°); gravity "
+            f"{alignment.gravity_ratio:.6f} of normal; navigating",
+        )
+
+    def adopt(self, state: NavState, aligned_ns: int) -> None:
+        """Skip alignment: another navigator's solution is in use since the stamp."""
+        where = nav_state.geodetic(state)
+        self.map = self.map or MapFrame(where.lat, where.lon, where.height)
+        self.aligned_ns, self.phase = aligned_ns, Phase.NAVIGATING
