@@ -171,7 +171,7 @@ def agreement(live: Track, batch: Track) -> str:
         f"live and ins_process: {counts} solutions, {same} the same within {1e3 * _SAME_POSITION:g} mm and "
         f"{_SAME_ANGLE:g} deg\n  greatest difference: {1e3 * distance.max():.3g} mm, {turn.max():.2g} deg"
     )
-    late = live.diagnostics.get("feedback late")
+    late = live.diagnostics.get("correction late")
     return f"{text} (corrections that came late, as the machine was busy: {late})" if late else text
 
 
