@@ -176,6 +176,8 @@ class Signalled(BagWriter):
         super().write_raw(*arguments)
 
 main.__wrapped__.__globals__["BagWriter"] = Signalled
+for number in {0}:  # a process started in the background inherits them ignored
+    signal.signal(number, signal.SIG_DFL)
 sys.exit(main(sys.argv[1:]))
 """
 
