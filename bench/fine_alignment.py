@@ -24,6 +24,7 @@ from ins_nav.aiding.simulated import fix_message
 from ins_nav.config.parameters import read_file
 from ins_nav.estimation.error_model import azimuth
 from ins_nav.mechanization import earth, nav_state
+from ins_nav.navigator.delayed import DelayedNavigator
 from ins_nav.navigator.system import FilterSystem
 from ins_nav.recordings.bags import message
 from ins_nav.simulation.scenarios import Simulation, simulate
@@ -115,7 +116,7 @@ class Case:
             },
         )
 
-    def navigator(self) -> FilterSystem:
+    def system(self) -> FilterSystem:
         """It, for this."""
         parameters = read_file(_CONFIG, "ins_node")
         parameters["alignment.duration"] = self.coarse
@@ -168,15 +169,16 @@ def _run(case: Case, seed: int) -> Array:
     degrees = np.column_stack([np.degrees(fixes.lat), np.degrees(fixes.lon), fixes.height]).tolist()
     pending = iter([*zip(fixes.stamps_ns.tolist(), degrees, strict=True), (2**63, [])])
     fix_ns, place = next(pending)
-    navigator = case.navigator()
+    system = case.system()
+    navigator = system.delayed
     rows: list[list[float]] = []
     due_ns = [simulation.start_ns + round(time * 1e9) for time in case.times]
     samples = np.column_stack([rates, forces]).tolist()
     for stamp_ns, sample in zip(simulation.stamps_ns.tolist(), samples, strict=True):
         while fix_ns <= stamp_ns:
-            navigator.add("gnss/fix", fix_message(message, fix_ns, 0, place[0], place[1], place[2], covariance))
+            system.add("gnss/fix", fix_message(message, fix_ns, 0, place[0], place[1], place[2], covariance))
             fix_ns, place = next(pending)
-        navigator.add_imu(stamp_ns, *sample)
+        system.add_imu(stamp_ns, *sample)
         navigator.drain()
         if navigator.settled_ns >= due_ns[len(rows)]:
             rows.append(_errors(simulation, navigator))
@@ -185,7 +187,7 @@ def _run(case: Case, seed: int) -> Array:
     return np.array(rows)
 
 
-def _errors(simulation: Simulation, navigator: FilterSystem) -> list[float]:
+def _errors(simulation: Simulation, navigator: DelayedNavigator) -> list[float]:
     """What `run` tells of one time."""
     assert navigator.state is not None and navigator.filter is not None
     path, found = simulation.trajectory, navigator.filter

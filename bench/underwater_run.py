@@ -19,13 +19,12 @@ from ins_nav.aiding.depth import depth_message
 from ins_nav.aiding.simulated import fix_message, velocity_message
 from ins_nav.config.parameters import read_file
 from ins_nav.estimation.error_model import azimuth
-from ins_nav.mechanization import earth, nav_state, strapdown
+from ins_nav.mechanization import earth, nav_state
+from ins_nav.navigator.delayed import DelayedNavigator
 from ins_nav.navigator.system import FilterSystem
 from ins_nav.recordings.bags import message
 from ins_nav.simulation.scenarios import Simulation, simulate
 from ins_nav.simulation.sensors import PRESETS
-from ins_nav.stop_detection.detector import Change
-from ins_nav.zupt.calibration import StopCalibration
 
 Array = NDArray[np.float64]
 Given = tuple[tuple[str, Any], ...]
@@ -59,30 +58,27 @@ def noiseless(motion: Given) -> Simulation:
     return simulate("auv_dive", 0, **_MOTION, **dict(motion))
 
 
-class _Afloat(StopCalibration):
-    """Of a vehicle that never stands: looking for stops, of which no use is made, takes two fifths of the time."""
-
-    def detect(self, stamp_ns: int, sample: strapdown.Sample) -> Change | None:
-        return None
-
-
 class Run:
     """A navigator that is led through a simulation."""
 
     def __init__(self, simulation: Simulation, parameters: Mapping[str, Any], skip: Sequence[str] = ()) -> None:
         self.simulation = simulation
-        self.navigator = FilterSystem(read_file(_CONFIG, "ins_node") | dict(parameters))
-        self.navigator.stops = _Afloat(self.navigator.configuration, self.navigator.events)
+        self.system = FilterSystem(read_file(_CONFIG, "ins_node") | dict(parameters))
         self.rows: list[list[float]] = []
         self._samples = np.column_stack([simulation.angular_velocity, simulation.linear_acceleration]).tolist()
         self._stamps = simulation.stamps_ns.tolist()
         self._aids = messages(simulation, skip)
         self._sample = self._aid = 0
 
+    @property
+    def navigator(self) -> DelayedNavigator:
+        """The filter."""
+        return self.system.delayed
+
     def fork(self) -> "Run":
         """Another that goes on from here."""
         other = copy.copy(self)
-        other.navigator = copy.deepcopy(self.navigator)
+        other.system = copy.deepcopy(self.system)
         other.rows = list(self.rows)
         return other
 
@@ -95,17 +91,17 @@ class Run:
 
     def until(self, time: float, every: float = _EVERY) -> "Run":
         """Go on to a time of the solution, s, and look at the errors now and then."""
-        navigator, start_ns = self.navigator, self.simulation.start_ns
+        system, navigator, start_ns = self.system, self.navigator, self.simulation.start_ns
         end_ns, every_ns = start_ns + round(time * 1e9), round(every * 1e9)
         due_ns = start_ns if not self.rows else start_ns + round((self.rows[-1][0] + every) * 1e9)
         aids = self._aids
         for k in range(self._sample, len(self._stamps)):
             stamp_ns = self._stamps[k]
-            navigator.add_imu(stamp_ns, *self._samples[k])
+            system.add_imu(stamp_ns, *self._samples[k])
             navigator.drain()
             while self._aid < len(aids) and aids[self._aid][0] <= stamp_ns:
                 aid_ns, name, values = aids[self._aid]
-                navigator.add(*_message(aid_ns, name, values))
+                system.add(*_message(aid_ns, name, values))
                 self._aid += 1
             self._sample = k + 1
             if navigator.filter is None:
