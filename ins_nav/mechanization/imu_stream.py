@@ -83,7 +83,7 @@ def regular_interval(
         0.0 < h <= regular
         and stamp_ns < until_ns
         and wx * wx + wy * wy + wz * wz <= max_rate2
-        and fx * fx + fy * fy + fz * fz <= max_force2
+        and 0.0 < fx * fx + fy * fy + fz * fz <= max_force2
     ):
         return h
     return 0.0
@@ -232,7 +232,7 @@ class ImuStream:
         """A sample that `regular_interval` does not accept."""
         wx, wy, wz, fx, fy, fz = values
         rate2, force2 = wx * wx + wy * wy + wz * wz, fx * fx + fy * fy + fz * fz
-        if not (rate2 <= self._max_rate2 and force2 <= self._max_force2):
+        if not (rate2 <= self._max_rate2 and 0.0 < force2 <= self._max_force2):
             self._reject_values(stamp_ns, values)
             return ()
         outcome = self._irregular(stamp_ns, (stamp_ns - self._stamp) * 1e-9, values)
@@ -384,6 +384,15 @@ class ImuStream:
             )
             return
         force = math.sqrt(sum(x * x for x in values[3:]))
+        if force == 0.0:
+            self._events.count(
+                "zero force",
+                ERROR,
+                f"{TOPIC}: linear_acceleration is exactly 0, sample rejected: the driver must publish angular velocity "
+                "and linear acceleration in one message, with gravity's reaction in the latter",
+                stamp_ns,
+            )
+            return
         self._events.count(
             "force out of range",
             ERROR,

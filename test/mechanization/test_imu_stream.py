@@ -25,6 +25,7 @@ REJECTED = (
     "not finite",
     "rate out of range",
     "force out of range",
+    "zero force",
 )
 
 
@@ -122,6 +123,15 @@ def test_degrees_and_wild_values() -> None:
     assert fed.put(stamp, (1e308, 1e308, 0.0, 0.0, 0.0, 9.8)) == ()
     assert fed.counts == {"rate out of range": 2, "force out of range": 1}
     assert len(fed.put(stamp)) == 1  # the good sample of that stamp is still welcome
+
+
+def test_no_force_at_all_is_no_measurement() -> None:
+    fed = Fed()
+    then = fed.regular(30)
+    assert fed.put(then, (0.01, -0.02, 0.03, 0.0, 0.0, 0.0)) == ()
+    assert fed.put(then + STEP)
+    assert fed.counts["zero force"] == 1
+    assert "linear_acceleration is exactly 0" in fed.said().text
 
 
 def test_repeated_stamp() -> None:
