@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from ins_nav.alignment.axes_check import axes_fault
 from ins_nav.alignment.gravity_cone import Blocks, GravityCone, cone_path
 from ins_nav.alignment.noise_model import TrendFit, TrendNoise, trend_basis
 from ins_nav.errors import InsNavError
@@ -28,9 +29,6 @@ from ins_nav.mechanization.strapdown import Sample
 _MIN_BLOCKS = 12
 _GRAVITY_TOLERANCE = 0.5
 """m/s²: 50 mg, beyond any accelerometer's bias."""
-_DEGREES_TOLERANCE = 0.2
-"""Rates are in degrees per second when they then agree with the Earth's to this share: 3 °/h, more than the bias of
-good gyros."""
 _DEGREES = (
     "angular velocity agrees with the turning of gravity only as degrees per second: publish angular_velocity in rad/s"
 )
@@ -209,6 +207,9 @@ class CoarseAlignment:
                 f"mean specific force is {gravity:.3f} m/s², gravity here {normal:.3f}: check the unit of "
                 "linear_acceleration, and that gravity is not removed from it"
             )
+        fault = axes_fault(blocks, lat, self._gyro_bias_stddev)
+        if fault:
+            raise AlignmentError(fault)
         horizontal_rate = RATE * math.cos(lat)
         if heading is None and horizontal_rate < 0.01 * RATE:
             raise AlignmentError(
@@ -324,12 +325,6 @@ class CoarseAlignment:
             f"gravity turns at {degrees_per_hour:.2f} °/h, the Earth at latitude {math.degrees(lat):.2f}° "
             f"at {math.degrees(expected) * 3600.0:.2f} °/h"
         )
-        tolerance, in_degrees = _DEGREES_TOLERANCE * RATE, abs(math.radians(found) - expected)
-        if in_degrees < tolerance:  # the vertical rate needs all samples
-            up_error = math.radians(self.cone.vertical_rate()) - RATE * math.sin(lat)
-            in_degrees = math.hypot(in_degrees, up_error)
-        if in_degrees < tolerance:
-            raise AlignmentError(f"{text}: angular velocity is in degrees per second, publish it in rad/s")
         stddev = math.sqrt(fit.slope_variance + self._gyro_bias_stddev**2)
         error = abs(found - expected)
         if found < 0.1 * expected and error > 3.0 * stddev:

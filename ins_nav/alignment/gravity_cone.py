@@ -265,12 +265,6 @@ class GravityCone:
         gyro, accel = np.array(density)[least, np.arange(6)].reshape(2, 3).mean(axis=1)
         return np.array([accel / gravity**2 / self._block_length, gyro])
 
-    def vertical_rate(self) -> float:
-        """Mean turning about the vertical, rad/s."""
-        h, wx, wy, wz, fx, fy, fz = np.array(self._samples).T
-        up = np.array([h @ fx, h @ fy, h @ fz])
-        return float(up @ [h @ wx, h @ wy, h @ wz] / (np.linalg.norm(up) * h.sum()))
-
     def mean_size(self) -> float:
         """Mean magnitude of specific force in the stored samples, m/s²."""
         return float(np.mean([math.hypot(*sample[4:7]) for sample in self._samples]))

@@ -36,6 +36,8 @@ Array = NDArray[np.float64]
 
 _COARSE_GAP = 0.1
 """s: a longer gap loses the attitude of a rocking base: coarse alignment starts again, and the filter widens."""
+_UPSIDE_DOWN = math.radians(120.0)
+"""rad: no carrier stands with a larger roll; it is the mounting, or the sign of specific force."""
 
 
 class Phase(enum.Enum):
@@ -365,6 +367,13 @@ class FrontEnd:
             f"{math.degrees(roll):.3f}°, pitch {math.degrees(pitch):.3f}° (sigma {level:.4f}°); gravity "
             f"{alignment.gravity_ratio:.6f} of normal; navigating",
         )
+        if abs(roll) > _UPSIDE_DOWN:
+            text = (
+                f"imu/data_raw: base_link is upside down at rest (roll {math.degrees(roll):.0f}°): give "
+                "imu.mounting_rpy_deg, or publish linear_acceleration with +9.8 m/s² on the axis that points up "
+                "(REP-145)"
+            )
+            self.events.report(WARN, text)
 
     def adopt(self, state: NavState, aligned_ns: int) -> None:
         """Skip alignment: another navigator's solution is in use since the stamp."""

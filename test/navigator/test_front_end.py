@@ -237,6 +237,23 @@ def test_values_in_g_are_told_at_once() -> None:
     assert fed.navigator.state is None
 
 
+@pytest.mark.parametrize("options", [{"alignment.duration": 25.0}, HEADING], ids=["heading found", "heading given"])
+def test_an_inverted_force_is_refused(options: dict[str, Any]) -> None:
+    """With the heading given, 2 s are enough for gyros of this class."""
+    messages = [(stamp, (*v[:3], *(-f for f in v[3:]))) for stamp, v in imu_messages("static")]
+    fed = Fed(**HERE, **options).feed(messages)
+    assert fed.navigator.state is None
+    assert "linear_acceleration points down at rest and has the wrong sign" in fed.said[0]
+
+
+def test_a_base_that_is_upside_down_is_reported() -> None:
+    """An IMU turned about its x axis measures consistently; the parameter of its mounting is missing."""
+    messages = [(stamp, (v[0], -v[1], -v[2], v[3], -v[4], -v[5])) for stamp, v in imu_messages("static")]
+    fed = Fed(**HERE, **HEADING).feed(messages[:400])
+    assert fed.navigator.phase is Phase.NAVIGATING
+    assert any("base_link is upside down at rest" in line and "imu.mounting_rpy_deg" in line for line in fed.said)
+
+
 def test_map_stays_when_alignment_is_repeated() -> None:
     fed = Fed(**HERE, **HEADING)
     fed.feed(imu_messages("static")[:1000])
