@@ -19,13 +19,13 @@ test: setup  ## lint, types, tests: ARGS="..." is handed on to pytest
 	@$(RUN) ruff format --check
 	@$(RUN) mypy
 	@$(RUN) lint-imports
-	@$(RUN) python -m pytest -n 2 --dist loadgroup $(ARGS)
+	@$(RUN) python -m pytest -n 3 --dist loadgroup $(ARGS)
 
 test-other: setup  ## the tests without ROS on the other supported Pythons that are installed
 	@sh tools/test_other.sh $(ARGS)
 
 golden: setup  ## renew the digests of test/golden: ARGS="vehicle faults" some of them
-	@$(RUN) PYTHONPATH=test python -m golden.replay $(ARGS)
+	@$(RUN) PYTHONPATH=test OPENBLAS_NUM_THREADS=1 python -m golden.replay $(ARGS)
 
 bench: setup  ## measure accuracy and speed: ARGS="..." is handed on
 	@$(RUN) python bench/run.py $(ARGS)

@@ -1,4 +1,6 @@
-# The tests without ROS and without slow ones, on each supported Python that is installed and is not that of .venv.
+# The tests of what may depend on the versions of Python and libraries, without ROS, on each supported Python that is
+# installed and is not that of .venv: imports, files, configuration, commands, compiled code, golden replays. The replays
+# run every algorithm from end to end; its tests in detail run on one Python.
 set -eu
 cd "$(dirname "$0")/.."
 version_of() { "$1" -c 'import sys; print("%d.%d" % sys.version_info[:2])' 2>/dev/null </dev/null; }
@@ -17,5 +19,6 @@ for version in 3.11 3.12; do
     fi
     VENV=".venv-$version" EXTRAS=test PYTHON="$python" sh tools/setup.sh
     echo "test-other: Python $version"
-    PATH="$PWD/.venv-$version/bin:$PATH" python -m pytest -n 2 --dist loadgroup -m "not slow" "$@"
+    PATH="$PWD/.venv-$version/bin:$PATH" python -m pytest -n 2 --dist loadgroup "$@" test/test_*.py test/cli test/config \
+        test/golden test/mechanization/test_compiled.py test/messages test/recordings test/report test/simulation
 done

@@ -16,6 +16,8 @@ from ins_nav.mechanization import nav_state
 from ins_nav.mechanization.replay_buffer import ReplayBuffer
 from ins_nav.simulation.scenarios import Simulation, simulate
 
+pytestmark = pytest.mark.xdist_group("covariance_propagation")  # they share _drives and _turns
+
 Array = np.ndarray
 NS = 1_000_000_000
 HZ = 20.0

@@ -5,6 +5,7 @@ from golden.digest import Digest, differences, from_text, to_text
 from golden.replay import SCENARIOS, digest_of, path_of
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_golden_replay(name: str) -> None:
     stored = from_text(path_of(name).read_text())

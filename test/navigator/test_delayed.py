@@ -46,6 +46,7 @@ def _runs(count: int = 10) -> list[tuple[Simulation, Fed]]:
     return runs
 
 
+@pytest.mark.xdist_group("runs")
 @pytest.mark.parametrize(
     ("states", "low", "high"),
     [
@@ -68,6 +69,7 @@ def test_errors_are_what_the_covariance_says(states: tuple[int, ...], low: float
     assert np.mean(np.array(squares) * len(states) > chi2.isf(1e-4, len(states))) < 0.01
 
 
+@pytest.mark.xdist_group("runs")
 def test_fine_alignment_improves_heading() -> None:
     """Driving with satellite position shows heading; 20 s of rest leave it uncertain by half a degree."""
     for s, fed in _runs(3):

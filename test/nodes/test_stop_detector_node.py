@@ -16,9 +16,10 @@ SOON = ("stop_detector.zupt1_after:=5", "stop_detector.zupt2_after:=5")
 
 @pytest.fixture(scope="module")
 def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """12 s standing, 87 s driving, 22 s standing, some driving; 50 Hz."""
+    """Stands for 12 s, turns in 20 s, stands for 22 s, drives for 8 s; 50 Hz."""
     path = tmp_path_factory.mktemp("drive") / "bag"
-    write_bag(simulate("vehicle", 2, duration=130.0, stand_time=12.0, rate=50.0, **{"truth.rate": 1.0}), path)
+    stops = {"first_stop": 12.0, "second_stop": 22.0, "duration": 62.0}
+    write_bag(simulate("zupt1_two_positions", 2, rate=50.0, **stops, **{"truth.rate": 1.0}), path)
     return path
 
 
