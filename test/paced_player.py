@@ -17,7 +17,8 @@ from rclpy.qos import QoSProfile
 from rclpy.task import Future
 from std_msgs.msg import Float64MultiArray
 
-from ins_nav.messages.correction_codec import read_feedback
+from ins_nav.messages.correction_codec import read_correction
+from ins_nav.messages.named_numbers import RejectedMessageError
 from ins_nav.nodes.bag_player import Player
 from ins_nav.nodes.runtime import init, on_signal, serve
 from ins_nav.recordings.bags import BagReader
@@ -38,11 +39,13 @@ class PacedPlayer(Player):
         self.create_subscription(Float64MultiArray, "ins/feedback", self._on_feedback, QoSProfile(depth=1000))
 
     def _on_feedback(self, message: Float64MultiArray) -> None:
-        correction = read_feedback(message)
-        if correction is not None:
-            with self._news:
-                self._received.add(correction.stamp_ns)
-                self._news.notify()
+        try:
+            correction = read_correction(message)
+        except RejectedMessageError as error:
+            sys.exit(f"ins/feedback: {error}")
+        with self._news:
+            self._received.add(correction.stamp_ns)
+            self._news.notify()
 
     def wait_for_corrections(self, stamp_ns: int) -> None:
         """Pause until all have come that take effect soon after a message was published."""

@@ -7,7 +7,7 @@ change, and its sigma is that of the calibration.
 
 import math
 import os
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import NamedTuple
@@ -40,19 +40,6 @@ class Pose(NamedTuple):
     """Horizontal, each axis, m."""
     stamp: float
     """s."""
-
-
-def read_calibration(
-    labels: Sequence[str], numbers: Sequence[float], configuration: Configuration, names: Collection[str]
-) -> dict[str, Value] | None:
-    """Calibrated parameters from a message, by name; None where they are not among ``names`` or out of range."""
-    if not labels or len(labels) != len(numbers) or not set(labels) <= set(names):
-        return None
-    try:
-        values = configuration.updated(dict(zip(labels, numbers, strict=True))).values
-    except InsNavError:
-        return None
-    return {name: values[name] for name in labels}
 
 
 def save(path: str | Path, parameters: Mapping[str, Value], pose: Pose) -> None:

@@ -5,24 +5,23 @@ and sends corrections to `ins_node`. A thin translator: `ins_nav.navigator.syste
 """
 
 import sys
-from collections.abc import Callable
 from functools import partial
 from typing import Any
 
 from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.qos_overriding_options import QoSOverridingOptions
-from std_msgs.msg import Float64MultiArray, Header, MultiArrayDimension
+from std_msgs.msg import Empty, Float64MultiArray, Header
 
 from ins_nav.aiding.registry import create_aids
 from ins_nav.errors import for_people
 from ins_nav.mechanization import strapdown
 from ins_nav.messages import correction_codec, diagnostics
 from ins_nav.messages.cdr import ImuSample
+from ins_nav.messages.named_numbers import received
 from ins_nav.navigator.system import FilterSystem, NavigationSystem
 from ins_nav.nodes import parameters, runtime
+from ins_nav.nodes.aid_subscriptions import AidSubscriptions
 from ins_nav.nodes.reporting import Reporter
-from ins_nav.stamps import NS
 
 
 class AlignmentNode(Node):
@@ -43,8 +42,7 @@ class AlignmentNode(Node):
         configuration = parameters.declare(self)
         self._reporter = Reporter(self, "alignment")
         self._system: FilterSystem | NavigationSystem | None = None
-        for aid in create_aids(configuration.values).values():
-            self._subscribe(runtime.message_class(aid.MESSAGE_TYPES[0]), aid.topic, partial(self._on_aid, aid.topic))
+        self._aids = AidSubscriptions(self, create_aids(configuration.values).values(), self._on_aid)
         self.create_timer(1.0, self._on_timer)
         if not shared:
             strapdown.prepare()  # here, not at the first sample after alignment
@@ -60,17 +58,12 @@ class AlignmentNode(Node):
         reliable = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=100, reliability=ReliabilityPolicy.RELIABLE)
         self._out = self.create_publisher(Float64MultiArray, "ins/feedback", reliable)
         self._calibration = self.create_publisher(Float64MultiArray, "ins/calibration", reliable)
-        self._feedback = feedback_message()
         runtime.subscribe_imu(self, self._filter.events, self._on_imu)
         self.create_subscription(Float64MultiArray, "ins/solution", self._on_solution, reliable)
-        self.create_subscription(Header, "ins/called", self._on_called, reliable)
+        self.create_subscription(Empty, "ins/align", self._on_align, reliable)
+        self.create_subscription(Header, "ins/zupt", self._on_zupt, reliable)
         self.create_timer(1.0, self._publish_calibration)
         self.get_logger().info("waiting for imu/data_raw")
-
-    def _subscribe(self, kind: Any, topic: str, callback: Callable[[Any], None]) -> None:
-        qos = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
-        overriding = QoSOverridingOptions.with_default_policies()
-        self.create_subscription(kind, topic, callback, qos, qos_overriding_options=overriding)
 
     def _on_aid(self, topic: str, message: Any) -> None:
         if self._system is not None:
@@ -80,46 +73,40 @@ class AlignmentNode(Node):
         system = self._filter
         system.add_imu(*sample)
         for correction in system.delayed.drain():
-            correction_codec.fill_feedback(self._feedback, correction)
-            self._out.publish(self._feedback)
+            self._out.publish(runtime.numbers_message(correction_codec.pack_correction(correction)))
         if system.events.pending:
             self._reporter.log(system.events)
 
     def _on_solution(self, message: Float64MultiArray) -> None:
         system = self._filter
         stamp_ns = system.front_end.stamp_ns
-        solution = correction_codec.received_feedback(message, "ins/solution", system.events, stamp_ns)
+        solution = received(correction_codec.read_solution, message, "ins/solution", system.events, stamp_ns)
         if solution is not None:
-            system.delayed.adopt(solution, solution.apply_ns)
+            system.delayed.adopt(*solution)
 
-    def _on_called(self, message: Header) -> None:
-        """A service of `ins_node`, its name in the frame."""
-        if message.frame_id == "align":
-            self.get_logger().info(self._filter.align())
-        else:
-            self._filter.delayed.call_zupt(message.stamp.sec * NS + message.stamp.nanosec)
+    def _on_align(self, _message: Empty) -> None:
+        self.get_logger().info(self._filter.align())
+
+    def _on_zupt(self, message: Header) -> None:
+        system = self._filter
+        stamp_ns = system.front_end.stamp_ns
+        read = partial(correction_codec.read_zupt, stamp_ns=stamp_ns)
+        zupt_ns = received(read, message, "ins/zupt", system.events, stamp_ns)
+        if zupt_ns is not None:
+            system.delayed.call_zupt(zupt_ns)
 
     def _publish_calibration(self) -> None:
         found = self._filter.delayed.calibration
         if found:
-            message = Float64MultiArray(data=list(found.values()))
-            message.layout.dim = [MultiArrayDimension(label=name, size=1, stride=1) for name in found]
-            self._calibration.publish(message)
+            self._calibration.publish(runtime.numbers_message(correction_codec.pack_calibration(found)))
 
     def _on_timer(self) -> None:
+        self._aids.follow_publishers()
         system = self._system
         if system is not None:
             self._reporter.log(system.events)
             silent_for = self._reporter.silent_for(system.front_end.stream.received)
             self._reporter.publish(*diagnostics.alignment_diagnostics(system.delayed, silent_for))
-
-
-def feedback_message() -> Float64MultiArray:
-    """An empty one; the layout names its parts."""
-    message = Float64MultiArray()
-    for label, size in (*correction_codec.FEEDBACK, ("imu_errors", 0), ("covariance", 0)):
-        message.layout.dim.append(MultiArrayDimension(label=label, size=size, stride=size))
-    return message
 
 
 @for_people("alignment_node")

@@ -14,23 +14,22 @@ from geometry_msgs.msg import TransformStamped
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import Imu, NavSatFix
-from std_msgs.msg import Float64MultiArray, Header
+from std_msgs.msg import Empty, Float64MultiArray, Header
 from std_srvs.srv import Trigger
 
 from ins_nav.aiding.registry import calibration_names
-from ins_nav.config.state_file import read_calibration
 from ins_nav.errors import InsNavError, for_people
 from ins_nav.mechanization import strapdown
 from ins_nav.messages import correction_codec, diagnostics
 from ins_nav.messages.cdr import ImuSample
+from ins_nav.messages.named_numbers import received
 from ins_nav.messages.solution import SolutionMessages, fill_bias
 from ins_nav.navigator.system import NavigationSystem
 from ins_nav.nodes import parameters, runtime
-from ins_nav.nodes.alignment_node import feedback_message
+from ins_nav.nodes.aid_subscriptions import AidSubscriptions
 from ins_nav.nodes.reporting import Reporter
-from ins_nav.stamps import set_stamp
+from ins_nav.stamps import NS, set_stamp
 
 _OUT_DEPTH = 200
 
@@ -72,7 +71,7 @@ class InsNode(Node):
         self._navigator = self.system.realtime
         self._base_link = self._configuration.frames.base_link
         self._out = SolutionMessages(self._navigator)
-        reliable, best_effort = ReliabilityPolicy.RELIABLE, ReliabilityPolicy.BEST_EFFORT
+        reliable = ReliabilityPolicy.RELIABLE
         self._odometry = self.create_publisher(Odometry, "odometry", _qos(_OUT_DEPTH, reliable))
         self._imu = self.create_publisher(Imu, "imu/data", _qos(_OUT_DEPTH, reliable))
         self._fix = self.create_publisher(NavSatFix, "fix", _qos(_OUT_DEPTH, reliable))
@@ -80,9 +79,10 @@ class InsNode(Node):
         self._reporter = Reporter(self, "navigation")
         self._tf = self._transform_publisher() if self._configuration.publish.tf != "none" else None
         runtime.subscribe_imu(self, self._navigator.events, self._on_imu)
-        self._solution = self._called = None
+        self._aids: AidSubscriptions | None = None
+        self._solution = self._align = self._zupt = None
         if others is None:
-            self._connect_filter(best_effort)
+            self._connect_filter()
         self.create_service(Trigger, "~/align", self._on_align)
         self.create_service(Trigger, "~/zupt1", self._on_zupt1)
         self.create_service(Trigger, "~/zupt2", self._on_zupt2)
@@ -91,18 +91,13 @@ class InsNode(Node):
         self._publish_bias()
         self.get_logger().info("waiting for imu/data_raw")
 
-    def _connect_filter(self, best_effort: ReliabilityPolicy) -> None:
+    def _connect_filter(self) -> None:
         """Topics that the filter of `alignment_node`, in another process, needs; aids are needed for the place only."""
-        overriding = QoSOverridingOptions.with_default_policies()
-        for aid in self.system.position_aids.values():
-            kind, callback = runtime.message_class(aid.MESSAGE_TYPES[0]), partial(self.system.add, aid.topic)
-            self.create_subscription(
-                kind, aid.topic, callback, _qos(10, best_effort), qos_overriding_options=overriding
-            )
+        self._aids = AidSubscriptions(self, self.system.position_aids.values(), self.system.add)
         inside = _qos(100, ReliabilityPolicy.RELIABLE)
         self._solution = self.create_publisher(Float64MultiArray, "ins/solution", inside)
-        self._called = self.create_publisher(Header, "ins/called", inside)
-        self._solution_message = feedback_message()
+        self._align = self.create_publisher(Empty, "ins/align", inside)
+        self._zupt = self.create_publisher(Header, "ins/zupt", inside)
         self.create_subscription(Float64MultiArray, "ins/feedback", self._on_feedback, inside)
         self.create_subscription(Float64MultiArray, "ins/calibration", self._on_calibration, inside)
 
@@ -154,20 +149,21 @@ class InsNode(Node):
     def _on_align(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         response.success = True
         response.message = self.system.align()
-        self._publish_call("align")
+        if self._align is not None:
+            self._align.publish(Empty())
         return response
 
     def _on_feedback(self, message: Float64MultiArray) -> None:
         events, stamp_ns = self.system.events, self.system.front_end.stamp_ns
-        correction = correction_codec.received_feedback(message, "ins/feedback", events, stamp_ns)
+        correction = received(correction_codec.read_correction, message, "ins/feedback", events, stamp_ns)
         if correction is not None:
             self.system.correct(correction)
 
     def _on_zupt1(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        return self._answer("zupt1", response, *self.system.zupt1())
+        return self._answer(response, *self.system.zupt1())
 
     def _on_zupt2(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        return self._answer("zupt2", response, *self.system.zupt2())
+        return self._answer(response, *self.system.zupt2())
 
     def _on_save(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         response.success, response.message = self.system.save()
@@ -175,37 +171,30 @@ class InsNode(Node):
         return response
 
     def _on_calibration(self, message: Float64MultiArray) -> None:
-        found = read_calibration(
-            [dim.label for dim in message.layout.dim], message.data, self._configuration, calibration_names()
-        )
+        read = partial(correction_codec.read_calibration, configuration=self._configuration, names=calibration_names())
+        found = received(read, message, "ins/calibration", self.system.events, self.system.front_end.stamp_ns)
         if found is not None:
             self.system.calibration = found
 
-    def _answer(self, service: str, response: Trigger.Response, success: bool, text: str) -> Trigger.Response:
+    def _answer(self, response: Trigger.Response, success: bool, text: str) -> Trigger.Response:
         response.success, response.message = success, text
-        if success:
-            self._publish_call(service)
+        if success and self._zupt is not None:
+            header = Header(frame_id=self._base_link)
+            header.stamp.sec, header.stamp.nanosec = divmod(self._navigator.stamp_ns, NS)
+            self._zupt.publish(header)
         self._log()
         return response
-
-    def _publish_call(self, service: str) -> None:
-        """Publish for `alignment_node` that a service was called."""
-        if self._called is None:
-            return
-        header = Header(frame_id=service)
-        header.stamp.sec, header.stamp.nanosec = divmod(self._navigator.stamp_ns, 1_000_000_000)
-        self._called.publish(header)
 
     def _log(self) -> None:
         self._reporter.log(self._navigator.events)
 
     def _on_timer(self) -> None:
+        if self._aids is not None:
+            self._aids.follow_publishers()
         self._log()
         solution = self.system.solution()
         if solution is not None and self._solution is not None:
-            feedback, aligned_ns = solution
-            correction_codec.fill_feedback(self._solution_message, feedback._replace(apply_ns=aligned_ns))
-            self._solution.publish(self._solution_message)
+            self._solution.publish(runtime.numbers_message(correction_codec.pack_solution(*solution)))
         silent_for = self._reporter.silent_for(self.system.front_end.stream.received)
         self._reporter.publish(*diagnostics.diagnostics(self._navigator, self.system.services.solved, silent_for))
 

@@ -23,10 +23,12 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from sensor_msgs.msg import Imu
+from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayout
 
 from ins_nav.errors import InsNavError
 from ins_nav.event_log import ERROR, EventLog
 from ins_nav.messages.cdr import ImuSample, read_imu
+from ins_nav.messages.named_numbers import NamedNumbers
 from ins_nav.nodes.commands import block_signals, ending_signals
 
 _IMU_DEPTH = 10_000
@@ -162,6 +164,13 @@ def message_class(msgtype: str) -> Any:
         close = difflib.get_close_matches(name, [n for n in dir(module) if n[0].isupper()], n=1)
         raise InsNavError(f"{package} has no message {name!r}" + (f" (did you mean {close[0]}?)" if close else ""))
     return getattr(module, name)
+
+
+def numbers_message(numbers: NamedNumbers) -> Float64MultiArray:
+    """A record of named numbers as an array of one dimension, whose label names the elements."""
+    size = len(numbers.data)
+    layout = MultiArrayLayout(dim=[MultiArrayDimension(label=numbers.label, size=size, stride=size)])
+    return Float64MultiArray(layout=layout, data=numbers.data)
 
 
 def _executor() -> Executor:

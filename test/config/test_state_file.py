@@ -11,7 +11,7 @@ from ins_nav.aiding.registry import calibration_names
 from ins_nav.aiding.velocity_log import LogParameters, VelocityLog
 from ins_nav.cli.process import main as process
 from ins_nav.config.parameters import Value, read_file
-from ins_nav.config.state_file import Pose, StateFileError, load, read_calibration, save
+from ins_nav.config.state_file import Pose, StateFileError, load, save
 from ins_nav.navigator.front_end import Phase
 from ins_nav.simulation.recording import write_bag
 from ins_nav.simulation.scenarios import Simulation, simulate
@@ -77,15 +77,6 @@ def test_damaged(tmp_path: Path, old: str, new: str, text: str) -> None:
 def test_absent(tmp_path: Path) -> None:
     with pytest.raises(StateFileError, match="No such file"):
         load(tmp_path / "state.yaml", configuration(), NAMES)
-
-
-def test_calibration_in_a_message() -> None:
-    log = LOG.calibration([(0.01, 1e-4), (0.002, 1e-3), (-0.003, 2e-3)])
-    assert read_calibration(list(log), list(log.values()), configuration(), NAMES) == log  # type: ignore[arg-type]
-    assert read_calibration(list(log)[:-1], [0.0] * 5, configuration(), NAMES) is None
-    assert read_calibration(["log.delay"], [0.0], configuration(), NAMES) is None  # not a calibration
-    assert read_calibration(list(log), [7.0] * 5, configuration(), NAMES) is None  # out of range
-    assert read_calibration([], [], configuration(), NAMES) is None
 
 
 def _stands() -> Simulation:

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 from aided_harness import SHORT, Fed, aid_events, imu_events, same_feedback
+from decoding import as_message
 
 from ins_nav.estimation.state_layout import SOLUTION_SIZE
 from ins_nav.messages import correction_codec
-from ins_nav.recordings.bags import message
 from ins_nav.simulation.scenarios import simulate
 
 SCALE = 3e-3
@@ -41,7 +41,5 @@ def test_it_corrects_the_samples_of_the_real_time_solution(fed: Fed) -> None:
 
 
 def test_message_there_and_back(fed: Fed) -> None:
-    out = message("std_msgs/msg/Float64MultiArray")
-    correction_codec.fill_feedback(out, fed.feedback[-1])
-    back = correction_codec.read_feedback(out)
-    assert back is not None and same_feedback([back], [fed.feedback[-1]])
+    back = correction_codec.read_correction(as_message(correction_codec.pack_correction(fed.feedback[-1])))
+    assert same_feedback([back], [fed.feedback[-1]])

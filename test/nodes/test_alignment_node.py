@@ -9,15 +9,17 @@ from unittest import mock
 
 import numpy as np
 import pytest
+from decoding import as_message
 from ros_harness import Listener, Process, Ros, needs_ros
 from scipy.spatial.transform import Rotation
 
 from ins_nav.aiding.parameters import configuration
 from ins_nav.cli.process import main as process
 from ins_nav.config.state_file import load
+from ins_nav.messages.named_numbers import pack
 from ins_nav.navigator.correction import Correction
 from ins_nav.navigator.delayed import DelayedNavigator
-from ins_nav.recordings.bags import BagReader, BagWriter
+from ins_nav.recordings.bags import BagReader, BagWriter, header, message
 from ins_nav.simulation.recording import write_bag
 from ins_nav.simulation.scenarios import simulate
 from ins_nav.stamps import stamp_of
@@ -64,8 +66,8 @@ def processed(drive: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[di
     given = [part for text in PARAMETERS for part in ("--param", text)]
     late, plain = (_processed(bag, folder / bag.name, *given) for bag in (drive, drive.with_name("plain")))
     assert late[0].keys() == plain[0].keys() and late[1] == plain[1]
-    for stamp, message in late[0].items():
-        assert _numbers(message) == _numbers(plain[0][stamp])
+    for stamp, odometry in late[0].items():
+        assert _numbers(odometry) == _numbers(plain[0][stamp])
     return late
 
 
@@ -230,9 +232,9 @@ def test_a_dive_at_up_to_ten_times_real_time_equals_ins_process(tmp_path: Path) 
 
 
 def test_killed_and_started_again(drive: Path, offline: dict[int, Any], tmp_path: Path) -> None:
-    """Killed after 5 s of fine alignment: `ins_node` goes on without a gap.
+    """Killed after 5 s of fine alignment: `ins_node` continues without a gap.
 
-    The filter that comes back takes its solution, and corrects it again.
+    The filter that is started again adopts its solution, and corrects it.
     """
     with Ros(tmp_path) as ros:
         listener, (ins, filtering) = _start(ros, "ins_node", "alignment_node")
@@ -240,7 +242,11 @@ def test_killed_and_started_again(drive: Path, offline: dict[int, Any], tmp_path
         listener.wait_for_count("odometry", 250, 60.0)
         filtering.kill()
         killed_ns = _last_stamp(listener)
+        listener.wait_for_count("odometry", 650, 60.0)
+        assert listener.call("bag_player/pause") == (True, "paused")  # a loaded machine needs long to start a node
         again = _node(ros, "alignment_node")
+        listener.wait_for(lambda: _values(listener, "/alignment_node: alignment").get("imu/data_raw received") == "0")
+        assert listener.call("bag_player/resume") == (True, "playing")
         again.wait_for_output("starts from the solution of ins_node")
         adopted_ns = _last_stamp(listener)
         listener.wait_for_count("odometry", len(offline), 60.0)
@@ -278,3 +284,38 @@ def test_parameter_errors_and_help(tmp_path: Path) -> None:
         assert asked.wait() == 0 and asked.stdout.startswith("usage: alignment_node [--ros-args")
         assert system.wait() == 1
         assert system.stderr.strip() == "ins_system: parameter gnss.slow_time: 0 is outside [1, 100000]"
+
+
+def test_implausible_messages_between_the_nodes_have_no_effect(tmp_path: Path) -> None:
+    """Each is counted by its topic and named once; the nodes go on."""
+    infinite = as_message(pack("correction 1", {"stamp_sec": (1e308,)}))
+    unknown = as_message(pack("calibration 1", {"log.scale": (1e308,)}))
+    far = message("std_msgs/msg/Header", stamp=header(2 * 10**18, "").stamp)
+    with BagWriter(tmp_path / "bag") as bag:
+        for i in range(3):
+            for topic, content in (
+                ("feedback", infinite),
+                ("solution", infinite),
+                ("calibration", unknown),
+                ("zupt", far),
+            ):
+                bag.write(f"ins/{topic}", content.__msgtype__, content, NS * (10**9 + i))
+    with Ros(tmp_path) as ros:
+        listener, started = _start(ros, "ins_node", "alignment_node")
+        assert _play(ros, tmp_path / "bag", 5.0).wait() == 0
+        expected = {
+            "/ins_node: navigation": {
+                "feedback": "stamp_nanosec has 0 numbers, not 1: do all nodes have one version?",
+                "calibration": r"parameter log.scale: 1e\+308 is outside \[-0.5, 0.5\]",
+            },
+            "/alignment_node: alignment": {
+                "solution": "layout.dim has the labels .*, not one that begins with 'solution 1:'",
+                "zupt": "stamp is 2000000000.0 s after the newest of imu/data_raw",
+            },
+        }
+        for process, (status, texts) in zip(started, expected.items(), strict=True):
+            for topic, text in texts.items():
+                process.wait_for_output(f"ins/{topic}: {text}.*: rejected")
+                listener.wait_for(lambda s=status, t=topic: _values(listener, s).get(f"ins/{t} rejected") == "3")
+            assert process.stop() == 0
+        listener.stop()
