@@ -26,7 +26,6 @@ from ins_nav.aiding.base import (
     declare_default_stddev,
     declare_lever_arm,
     declare_min_stddev,
-    declare_patience,
 )
 from ins_nav.aiding.beacon import Beacon
 from ins_nav.aiding.beacon_fix import BEACON_NAME, BeaconFix, SimulatedBeacon, fix_topic, simulated_beacons
@@ -71,7 +70,6 @@ class RangeParameters(AidParameters):
     default_stddev: float = declare_default_stddev(1.0, "m")
     min_stddev: float = declare_min_stddev(0.01, "m")
     lever_arm: Vector = declare_lever_arm("transducer")
-    patience: float = declare_patience(600.0)
     beacons: str = parameter(
         "",
         "names of acoustic beacons, separated by commas. The place of each is range.<beacon>.latitude_deg, .longitude_"
@@ -194,6 +192,7 @@ class AcousticRange(Aid[RangeParameters]):
     NAME = "range"
     TOPIC = "range/<beacon>"
     MESSAGE_TYPES = ("sensor_msgs/msg/Range",)
+    PATIENCE = 600.0
     TEXT = "slant range, m, to each of `range.beacons`; zero or outside `min_range` to `max_range`: rejected"
     PARAMETERS = RangeParameters
     SIMULATED = ("range", SimulatedRanges)
@@ -279,7 +278,7 @@ class AcousticRange(Aid[RangeParameters]):
 
     def patience(self, observation: Observation, accepted: bool, placed: bool) -> float:
         """None once position is known: then it is the beacon that is elsewhere."""
-        return 0.0 if placed else self.parameters.patience
+        return 0.0 if placed else self.PATIENCE
 
     def restart(self) -> None:
         self.search.restart()

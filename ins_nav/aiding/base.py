@@ -174,13 +174,6 @@ def declare_lever_arm(what: str) -> Vector:
     return declared
 
 
-def declare_patience(default: float) -> float:
-    """Declare `AidParameters.patience`."""
-    text = "after so long without an accepted message 8 rejected ones that agree are accepted; 0: never"
-    declared: float = parameter(default, text, unit="s", low=0.0)
-    return declared
-
-
 @dataclass(frozen=True)
 class AidParameters(Section):
     """Parameters that every aid has."""
@@ -191,7 +184,6 @@ class AidParameters(Section):
     lever_arm: Vector = declare_lever_arm("sensor")
     delay: float = parameter(0.0, "from the measurement to its stamp", unit="s", low=-1.0, high=10.0)
     gate: float = parameter(1e-4, "probability with which a good measurement is rejected", low=1e-12, high=0.5)
-    patience: float = declare_patience(60.0)
 
     def covariance(self, given: Sequence[float], size: int, missing: Sequence[int] = ()) -> Array:
         """Covariance to use, shape (size, size): the one given, no less than ``min_stddev``; else the default.
@@ -252,6 +244,8 @@ class Aid(ABC, Generic[P]):
     SIMULATED: ClassVar[tuple[str, type[Section]] | None] = None
     """Prefix and section of the parameters of its simulated readings."""
 
+    PATIENCE: ClassVar[float] = 60.0
+    """s without an accepted message after which 8 rejected ones that agree are accepted; 0: never."""
     GIVES_POSITION: ClassVar[bool] = False
     """Its first message is a place to align at; once it is accepted, position is known without other aids."""
     MAY_BE_SILENT: ClassVar[bool] = False
@@ -346,7 +340,7 @@ class Aid(ABC, Generic[P]):
         """
 
     def patience(self, observation: Observation, accepted: bool, placed: bool) -> float:
-        """`AidParameters.patience` for an observation, s; 0: never accepted against the filter, infinite: only drifts.
+        """`PATIENCE` for an observation, s; 0: never accepted against the filter, infinite: only drifts.
 
         Parameters
         ----------
@@ -356,7 +350,7 @@ class Aid(ABC, Generic[P]):
         placed : bool
             One of an aid that gives position was.
         """
-        return self.parameters.patience
+        return self.PATIENCE
 
     def restart(self) -> None:
         """The filter starts anew, and with it the aid's own states."""

@@ -16,7 +16,6 @@ from ins_nav.aiding.base import (
     declare_default_stddev,
     declare_lever_arm,
     declare_min_stddev,
-    declare_patience,
 )
 from ins_nav.aiding.fields import no_measurement
 from ins_nav.aiding.geometry import set_turned
@@ -40,7 +39,6 @@ class DepthParameters(AidParameters):
     default_stddev: float = declare_default_stddev(0.1, "m")
     min_stddev: float = declare_min_stddev(0.005, "m")
     lever_arm: Vector = declare_lever_arm("depth gauge")
-    patience: float = declare_patience(180.0)
     surface_height: float = parameter(
         math.nan,
         "ellipsoidal height of the water's surface; not given: estimated from height and depth together",
@@ -166,6 +164,7 @@ class Depth(DepthAid[DepthParameters]):
     NAME = "depth"
     TOPIC = "depth"
     MESSAGE_TYPES = ("geometry_msgs/msg/PoseWithCovarianceStamped",)
+    PATIENCE = 180.0
     TEXT = "`position.z = -depth`, m, its variance in `covariance[14]`"
     PARAMETERS = DepthParameters
     SIMULATED = ("depth", SimulatedDepth)

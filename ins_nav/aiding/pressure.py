@@ -13,7 +13,6 @@ from ins_nav.aiding.base import (
     declare_default_stddev,
     declare_lever_arm,
     declare_min_stddev,
-    declare_patience,
 )
 from ins_nav.aiding.depth import (
     Depth,
@@ -42,7 +41,6 @@ class PressureParameters(AidParameters):
     default_stddev: float = declare_default_stddev(1000.0, "Pa")
     min_stddev: float = declare_min_stddev(10.0, "Pa")
     lever_arm: Vector = declare_lever_arm("pressure gauge")
-    patience: float = declare_patience(180.0)
     surface_pressure: float = parameter(101325.0, "pressure of the air at the surface", unit="Pa", low=0.0, high=2e5)
     density: float = parameter(
         1025.0, "of the water, mean from the surface to the gauge", unit="kg/m^3", low=500.0, high=2000.0
@@ -74,6 +72,7 @@ class Pressure(DepthAid[PressureParameters]):
     NAME = "pressure"
     TOPIC = "pressure"
     MESSAGE_TYPES = ("sensor_msgs/msg/FluidPressure",)
+    PATIENCE = 180.0
     TEXT = "Pa, absolute; `pressure.density`, `pressure.surface_pressure`, `depth.surface_height`"
     PARAMETERS = PressureParameters
     SIMULATED = ("pressure", SimulatedPressure)

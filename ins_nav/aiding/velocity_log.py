@@ -23,7 +23,6 @@ from ins_nav.aiding.base import (
     declare_default_stddev,
     declare_lever_arm,
     declare_min_stddev,
-    declare_patience,
     slow_error,
 )
 from ins_nav.aiding.fields import no_measurement, read_velocity
@@ -48,6 +47,8 @@ from ins_nav.estimation.slow_state import SlowState
 from ins_nav.estimation.state_layout import ATTITUDE, COSINE, GYRO_BIAS, SIZE, VELOCITY
 from ins_nav.mechanization import nav_state
 
+_CURRENT_TIME = 3600.0
+"""s, of a current: tides turn in hours, eddies are crossed in as long."""
 _NO_BOTTOM = -32.768
 """m/s: of a log in format PD0, on an axis without bottom."""
 
@@ -59,7 +60,6 @@ class LogParameters(AidParameters):
     default_stddev: float = declare_default_stddev(0.2, "m/s")
     min_stddev: float = declare_min_stddev(0.005, "m/s")
     lever_arm: Vector = declare_lever_arm("log")
-    patience: float = declare_patience(180.0)
     mounting_rpy: Vector = parameter(
         [0.0, 0.0, 0.0],
         "roll, pitch, yaw of the log's axes in base_link",
@@ -101,7 +101,6 @@ class LogParameters(AidParameters):
     slow_time: float = parameter(30.0, "its correlation time", unit="s", low=0.01, high=1e5)
     water_track: bool = parameter(False, "it measures velocity through water: the current is estimated")
     current_stddev: float = parameter(0.3, "of that current, east and north each", unit="m/s", low=1e-3, high=10.0)
-    current_time: float = parameter(3600.0, "its correlation time", unit="s", low=1.0, high=1e6)
 
 
 @dataclass(frozen=True)
@@ -183,6 +182,7 @@ class VelocityLog(Aid[LogParameters]):
     NAME = "log"
     TOPIC = "log"
     MESSAGE_TYPES = ("geometry_msgs/msg/TwistWithCovarianceStamped",)
+    PATIENCE = 180.0
     TEXT = "m/s on the log's axes; NaN: not measured"
     PARAMETERS = LogParameters
     SIMULATED = ("log", SimulatedLog)
@@ -197,7 +197,7 @@ class VelocityLog(Aid[LogParameters]):
             SlowState(p.misalignment_stddev, value=p.pitch),
             SlowState(p.misalignment_stddev, value=p.yaw),
         )
-        currents = (slow_error(p.current_stddev, p.current_time),) * 2 if p.water_track else ()
+        currents = (slow_error(p.current_stddev, _CURRENT_TIME),) * 2 if p.water_track else ()
         slow = (slow_error(p.slow_stddev, p.slow_time),) * 3 if p.slow_stddev else ()
         self.states = (*unit, *currents, *slow)
         self._current = slice(3, 3 + len(currents))
@@ -249,8 +249,7 @@ class VelocityLog(Aid[LogParameters]):
         """Zeros on every axis are a log without bottom; one that was accepted and then jumps has lost it, too."""
         if not any(x for x in observation.value if math.isfinite(x)):
             return 0.0
-        patience = self.parameters.patience
-        return math.inf if accepted and patience > 0.0 else patience
+        return math.inf if accepted else self.PATIENCE
 
     def calibration(self, own: Sequence[tuple[float, float]]) -> dict[str, Value]:
         (scale, scale_stddev), (pitch, pitch_stddev), (yaw, yaw_stddev) = own[: self.CALIBRATED]

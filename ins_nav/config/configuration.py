@@ -21,11 +21,20 @@ from ins_nav.config.sections import (
 )
 
 _DETECTOR = "the stop detector's default is used; stop.vibration and stop.sway_deg_per_s describe the vehicle"
+_PATIENCE = "the aid's default is used; its gate and sigmas decide what is rejected"
 GONE: Mapping[str, str] = {
     "aiding.stops": "zupt.zero_velocity: false is what zupt and none were",
     "stop.window": _DETECTOR,
     "stop.min_duration": _DETECTOR,
     "stop.false_alarm_probability": _DETECTOR,
+    "depth.patience": _PATIENCE,
+    "gnss.patience": _PATIENCE,
+    "gnss_velocity.patience": _PATIENCE,
+    "heading.patience": _PATIENCE,
+    "log.patience": _PATIENCE,
+    "pressure.patience": _PATIENCE,
+    "range.patience": _PATIENCE,
+    "log.current_time": "3600 s is used; log.current_stddev describes the current",
 }
 """Parameters that have become defaults of their class, each with its replacement."""
 

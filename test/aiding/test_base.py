@@ -24,7 +24,6 @@ def test_values_are_those_of_the_parameters() -> None:
             "log.lever_arm": [1, -2, 3],
             "log.delay": 0.25,
             "log.gate": 1e-3,
-            "log.patience": 30.0,
         }
     ).values
     found = LogParameters.from_values("log", values)
@@ -35,7 +34,6 @@ def test_values_are_those_of_the_parameters() -> None:
         lever_arm=(1.0, -2.0, 3.0),
         delay=0.25,
         gate=1e-3,
-        patience=30.0,
     )
 
 

@@ -144,11 +144,12 @@ def test_an_unknown_heading_is_found(wrong_deg: float) -> None:
     assert fed.aided.records["heading"].rejected <= 2
 
 
-def test_a_heading_wrong_by_half_a_turn_is_rejected() -> None:
+def test_a_heading_wrong_by_half_a_turn_is_rejected(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Heading, "PATIENCE", 0.0)
     s = drive()
     given = math.degrees(heading_from_yaw(_true_yaw(s, int(s.stamps_ns[0]))))
     parameters: dict[str, object] = {"initial.heading_deg": given, "initial.heading_stddev_deg": 1.0}
-    fed, s = _fed({**parameters, "heading.patience": 0.0}, math.pi, 30.0)
+    fed, s = _fed(parameters, math.pi, 30.0)
     assert fed.aided.records["heading"].rejected > 60
     assert abs(_heading_error(fed, s)) < 3.0
 
@@ -165,11 +166,12 @@ def test_yaw_of_the_mounting_is_calibrated() -> None:
 
 
 @pytest.mark.parametrize("wrong_deg", [40.0, 100.0, 178.0])
-def test_a_heading_given_wrong_is_corrected_at_once(wrong_deg: float) -> None:
+def test_a_heading_given_wrong_is_corrected_at_once(wrong_deg: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """8 readings that agree, after patience: no part of the error is left with a small sigma."""
+    monkeypatch.setattr(Heading, "PATIENCE", 5.0)
     s = drive()
     given = math.degrees(heading_from_yaw(_true_yaw(s, int(s.stamps_ns[0])))) + wrong_deg
-    parameters: dict[str, object] = {"initial.heading_stddev_deg": 1.0, "heading.patience": 5.0}
+    parameters: dict[str, object] = {"initial.heading_stddev_deg": 1.0}
     fed, s = _fed({**parameters, "initial.heading_deg": math.remainder(given, 360.0)})
     assert fed.aided.records["heading"].rejected < 10
     assert abs(_heading_error(fed, s)) < 3.0

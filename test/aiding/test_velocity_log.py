@@ -48,7 +48,7 @@ def test_patience_of_a_log() -> None:
     for zeros in ((0.0, NAN, NAN), (0.0, 0.0, 0.0)):
         assert found.patience(observed("log", *zeros), False, False) == 0.0
     moving = observed("log", 0.0, 0.1, NAN)
-    assert found.patience(moving, False, True) == found.parameters.patience == 180.0
+    assert found.patience(moving, False, True) == 180.0
     assert found.patience(moving, True, False) == math.inf
 
 

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from navigators import Filter, Ins
 
+from ins_nav.aiding.acoustic_range import AcousticRange
 from ins_nav.config.parameters import read_file
 from ins_nav.mechanization import earth, nav_state
 from ins_nav.messages import diagnostics
@@ -360,8 +361,9 @@ def test_a_place_that_ranges_do_not_tell_stays_uncertain() -> None:
         assert across < 3.0 and fed.aided.records["range/vessel"].accepted > 50
 
 
-def test_a_beacon_that_lies_is_not_believed_when_satellites_have_said_where_this_is() -> None:
-    """Its fixes are 100 m off all the time, which its ranges say too, for longer than their patience."""
+def test_a_wrong_beacon_is_rejected_after_accepted_gnss_fixes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its fixes are 100 m off all the time, and its ranges with them, for longer than their patience."""
+    monkeypatch.setattr(AcousticRange, "PATIENCE", 60.0)
     s = _path().redrawn(1)
     _, radius = earth.principal_radii(math.sin(s.trajectory.origin.lat))
     degrees = math.degrees(100.0 / (radius * math.cos(s.trajectory.origin.lat)))
@@ -369,7 +371,7 @@ def test_a_beacon_that_lies_is_not_believed_when_satellites_have_said_where_this
         (stamp, kind, (*values[:4], values[4] + degrees, *values[5:]) if kind == "beacon" else values)
         for stamp, kind, values in _events(s)
     ]
-    fed = Fed(s, {"range.patience": 60.0}).feed(events)
+    fed = Fed(s).feed(events)
     across, _ = _greatest(fed.since(DIVE))
     assert across < 3.0 and np.hypot(*fed.since(DIVE)[:, 1:3].T).max() < 5.0
     # by the way the circles cross one in some fits
