@@ -1,9 +1,11 @@
 """One run of the navigation system over recorded messages in memory, as `ins_process` does it, and its errors."""
 
+import copy
+import functools
 import heapq
 import math
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -33,8 +35,7 @@ EVERY = 0.5
 """s between two looks at the errors."""
 _SILENT = 1.0
 """s without a new solution, while samples arrive, that count as no solution."""
-_NO_SOLUTION = (math.nan,) * (2 * len(COMPONENTS))
-_NO_LEVELS = (math.nan,) * PROTECTED
+_NO_SOLUTION = (math.nan,) * (2 * len(COMPONENTS) + PROTECTED)
 
 
 class Line(NamedTuple):
@@ -71,9 +72,9 @@ class Track:
     error: Array
     sigma: Array
     level: Array
-    lines: list[Line] = field(default_factory=list)
-    counts: dict[str, int] = field(default_factory=dict)
-    raised: str = ""
+    lines: list[Line]
+    counts: dict[str, int]
+    raised: str
 
 
 def recording_of(simulation: Simulation) -> Recording:
@@ -109,13 +110,6 @@ def _values(readings: Any) -> Array:
     return values
 
 
-def _make(topic: str, stream: Stream) -> Iterator[tuple[int, str, Any]]:
-    """Arrival, topic and message."""
-    columns = (stream.arrival_ns, stream.stamps_ns, stream.values, stream.variances, stream.status)
-    for arrival, stamp, values, variances, status in zip(*(x.tolist() for x in columns), strict=True):
-        yield arrival, topic, _message(topic, stamp, values, variances, status)
-
-
 def _message(topic: str, stamp_ns: int, values: list[float], variances: list[float], status: int) -> Any:
     covariance = np.diag(variances).ravel().tolist() if any(variances) else ()
     if topic.endswith("/fix"):
@@ -131,73 +125,115 @@ def _message(topic: str, stamp_ns: int, values: list[float], variances: list[flo
 def protection_levels(system: NavigationSystem) -> tuple[float, ...]:
     """Horizontal and vertical, m, and heading, rad: the system's; NaN where it has none."""
     levels = getattr(system, "protection_levels", None)
-    return _NO_LEVELS if levels is None else tuple(levels)
+    return (math.nan,) * PROTECTED if levels is None else tuple(levels)
 
 
-def run(simulation: Simulation, recording: Recording, parameters: Mapping[str, Any]) -> Track:
-    """Navigate over the messages in their order of arrival.
+class Run:
+    """A navigation system that is led through recorded messages in their order of arrival.
 
-    An exception ends the run; it is in the result.
+    Parameters
+    ----------
+    simulation : Simulation
+        The truth.
+    recording : Recording
+    parameters : mapping
+        Of the navigator.
     """
-    system = NavigationSystem(parameters)
-    calls = ScheduledCalls(system, lambda stopped: None)
-    rows: list[tuple[float, ...]] = []
-    track = Track(*(np.empty(0),) * 4)
-    imu = recording[IMU]
-    aids = heapq.merge(*(_sorted(topic, s) for topic, s in recording.items() if topic != IMU), key=lambda m: m[0])
-    samples = zip(imu.arrival_ns.tolist(), imu.stamps_ns.tolist(), imu.time.tolist(), imu.values.tolist(), strict=True)
-    waiting = next(aids, None)
-    due, said = 0.0, set[str]()
-    try:
-        for arrival, stamp_ns, time, values in samples:
-            while waiting is not None and waiting[0] <= arrival:
-                system.add(*waiting[1:])
-                waiting = next(aids, None)
-            new = system.add_imu(stamp_ns, *values)
-            if system.front_end.stamp_ns:
-                calls.after_sample()
-            if time < due or not (new or time > due + _SILENT or system.realtime.state is None):
-                continue
-            due += EVERY * (1 + (time - due) // EVERY)
-            found = _errors(simulation.trajectory, time, system) if new else _NO_SOLUTION
-            rows.append((time, *found, *(protection_levels(system) if new else _NO_LEVELS)))
-            _listen(track, time, system, said)
-    except Exception as error:  # a row that says so
-        track.raised = f"{type(error).__name__}: {error}"
-    table = np.array(rows).reshape(len(rows), 1 + 2 * len(COMPONENTS) + PROTECTED)
-    track.time, track.error, track.sigma, track.level = np.split(table, np.cumsum([1, 4, 4]), axis=1)
-    track.time, track.counts = track.time[:, 0], dict(system.events.counts)
-    return track
+
+    def __init__(self, simulation: Simulation, recording: Recording, parameters: Mapping[str, Any]) -> None:
+        self._path = simulation.trajectory
+        self._system = NavigationSystem(parameters)
+        self._calls = ScheduledCalls(self._system, _nothing)
+        self._rows: list[tuple[float, ...]] = []
+        self._lines: list[Line] = []
+        self._said: set[str] = set()
+        self._due = 0.0
+        self._raised = ""
+        self._sample = self._aid = 0
+        self._load(recording)
+
+    def _load(self, recording: Recording) -> None:
+        self._imu = recording[IMU]
+        streams = (_messages(topic, stream) for topic, stream in recording.items() if topic != IMU)
+        self._aids = list(heapq.merge(*streams, key=lambda item: item[0]))
+
+    def fork(self, recording: Recording) -> "Run":
+        """Another run that goes on from here with a recording whose messages have been the same until now."""
+        other = copy.copy(self)
+        owned = {name: value for name, value in vars(self).items() if name not in ("_path", "_imu", "_aids")}
+        vars(other).update(copy.deepcopy(owned))
+        other._load(recording)
+        return other
+
+    def until(self, end: float = math.inf) -> "Run":
+        """Process the samples measured before ``end``, s, and the messages before each; an exception ends the run."""
+        imu, first = self._imu, self._sample
+        last = first + int(np.searchsorted(imu.time[first:], end))
+        columns = (imu.arrival_ns, imu.stamps_ns, imu.time, imu.values)
+        try:
+            for arrival_ns, stamp_ns, time, values in zip(*(x[first:last].tolist() for x in columns), strict=True):
+                while self._aid < len(self._aids) and self._aids[self._aid][0] <= arrival_ns:
+                    _, topic, make = self._aids[self._aid]
+                    self._aid += 1
+                    self._system.add(topic, make())
+                self._step(stamp_ns, time, values)
+        except Exception as error:  # a row that says so
+            self._raised = f"{type(error).__name__}: {error}"
+        self._sample = last
+        return self
+
+    def _step(self, stamp_ns: int, time: float, values: Sequence[float]) -> None:
+        system = self._system
+        new = system.add_imu(stamp_ns, *values)
+        if system.front_end.stamp_ns:
+            self._calls.after_sample()
+        if time < self._due or not (new or time > self._due + _SILENT or system.realtime.state is None):
+            return
+        self._due += EVERY * (1 + (time - self._due) // EVERY)
+        found = (*_errors(self._path, time, system), *protection_levels(system)) if new else _NO_SOLUTION
+        self._rows.append((time, *found))
+        self._listen(time)
+
+    def _listen(self, time: float) -> None:
+        """Keep what a user gets to read: warnings of the log, and what diagnostics say when it is new."""
+        system = self._system
+        for report in system.events.drain():
+            if report.level != INFO:
+                self._lines.append(Line(time, report.text))
+        statuses = (
+            diagnostics.diagnostics(system.realtime, system.services.solved),
+            diagnostics.alignment_diagnostics(system.delayed),
+        )
+        now = {text for level, text, _ in statuses if level}
+        self._lines += [Line(time, text, True) for text in sorted(now - self._said)]
+        self._said = now
+
+    @property
+    def track(self) -> Track:
+        """What the run has led to."""
+        table = np.array(self._rows).reshape(len(self._rows), 1 + len(_NO_SOLUTION))
+        time, error, sigma, level = np.split(table, np.cumsum([1, len(COMPONENTS), len(COMPONENTS)]), axis=1)
+        return Track(time[:, 0], error, sigma, level, self._lines, dict(self._system.events.counts), self._raised)
 
 
-def _sorted(topic: str, stream: Stream) -> Iterator[tuple[int, str, Any]]:
-    return _make(topic, stream.rows(np.argsort(stream.arrival_ns, kind="stable")))
+def _nothing(stopped: bool) -> None:
+    pass
 
 
-def _listen(track: Track, time: float, system: NavigationSystem, said: set[str]) -> None:
-    """Keep what a user gets to read: warnings of the log, and what diagnostics say when it is new."""
-    for report in system.events.drain():
-        if report.level != INFO:
-            track.lines.append(Line(time, report.text))
-    now = set()
-    statuses = (
-        diagnostics.diagnostics(system.realtime, system.services.solved),
-        diagnostics.alignment_diagnostics(system.delayed),
-    )
-    for level, text, _ in statuses:
-        if level:
-            now.add(text)
-            if text not in said:
-                track.lines.append(Line(time, text, True))
-    said.clear()
-    said |= now
+def _messages(topic: str, stream: Stream) -> Iterator[tuple[int, str, Callable[[], Any]]]:
+    """Arrival, topic, and what makes the message."""
+    stream = stream.rows(np.argsort(stream.arrival_ns, kind="stable"))
+    for arrival_ns, *content in zip(
+        *(column.tolist() for column in stream[2:3] + stream[1:2] + stream[3:]), strict=True
+    ):
+        yield arrival_ns, topic, functools.partial(_message, topic, *content)
 
 
 def _errors(path: Trajectory, time: float, system: NavigationSystem) -> tuple[float, ...]:
     """Errors and sigmas of `COMPONENTS` at present."""
     state, p = system.realtime.state, system.realtime.covariance
     if state is None or p is None:
-        return _NO_SOLUTION
+        return (math.nan,) * (2 * len(COMPONENTS))
     i = min(round(time / path.interval), len(path.time) - 1)
     where = nav_state.geodetic(state)
     meridian, prime_vertical = earth.principal_radii(math.sin(path.lat[i]))

@@ -4,6 +4,7 @@ The engine of `ins_process` runs over messages in memory (`bench.fault_run`), tw
 """
 
 import fnmatch
+import functools
 import math
 import re
 import signal
@@ -17,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 
-from bench.fault_run import COMPONENTS, EVERY, PROTECTED, Line, Track, run
-from bench.fault_table import CARRIERS, ROWS, Row
+from bench.fault_run import COMPONENTS, EVERY, PROTECTED, Line, Run, Track, recording_of
+from bench.fault_table import CARRIERS, ROWS, Row, simulated
 from ins_nav.errors import InsNavError
 
 Array = NDArray[np.float64]
@@ -184,13 +185,27 @@ def run_row(name: str, seed: int) -> Track:
     def hangs(*_: object) -> None:
         raise TimeoutError(f"no end after {_HANGS} s")
 
-    row = ROWS[name]
     signal.signal(signal.SIGALRM, hangs)
     signal.alarm(_HANGS)
     try:
-        return run(*row.recording(seed), CARRIERS[row.carrier].parameters)
+        return track_of(ROWS[name], seed)
     finally:
         signal.alarm(0)
+
+
+def track_of(row: Row, seed: int) -> Track:
+    """The run of a row; where the fault begins under way, the way to it is computed once for all rows."""
+    simulation, recording = row.recording(seed)
+    if row.simulated or row.span.begin <= CARRIERS[row.carrier].aligned or not row.faults:
+        return Run(simulation, recording, CARRIERS[row.carrier].parameters).until().track
+    return _way(row.carrier, seed, row.span.begin).fork(recording).until().track
+
+
+@functools.lru_cache(12)
+def _way(carrier: str, seed: int, end: float) -> Run:
+    """The run without a fault to the begin of one."""
+    simulation = simulated(carrier, seed)
+    return Run(simulation, recording_of(simulation), CARRIERS[carrier].parameters).until(end)
 
 
 def chosen(pattern: str) -> list[Row]:
