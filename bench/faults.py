@@ -174,9 +174,11 @@ def _right_again(row: Row, track: Track, clean: Track) -> float:
     error, ratio = _usual(clean, track.time)
     limit = np.minimum(_RIGHT * error, np.maximum(_RIGHT, ratio) * track.sigma)
     wrong = track.time[after & ~(track.error <= limit).all(axis=1)]  # NaN is wrong
+    if track.raised:
+        return math.inf
     if not len(wrong):
         return 0.0
-    return math.inf if track.raised or wrong[-1] > track.time[-1] - _SIGMA_TIME else float(wrong[-1] - end)
+    return math.inf if wrong[-1] > track.time[-1] - _SIGMA_TIME else float(wrong[-1] - end)
 
 
 def run_row(name: str, seed: int) -> Track:
