@@ -31,6 +31,7 @@ def short(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(CARRIERS, "short", SHORT)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("short")
 def test_two_rows_end_to_end() -> None:
     clean, track = track_of(row(), 1), track_of(row(JUMP), 1)
@@ -44,6 +45,7 @@ def test_two_rows_end_to_end() -> None:
     assert "short: jump" in result.text()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("short")
 def test_a_fork_goes_on_as_the_run_itself() -> None:
     simulation = simulated("short", 1)
