@@ -223,7 +223,7 @@ _BEGIN = 420.0
 _SHORT: Given = (("dive_time", 1200.0),)
 _OUTLIERS = {"range.outlier_share": 0.2}
 _BIAS = {"range.bias": 3.0}
-_LIE_START, _LIE_TIME = _BEGIN + 800.0, 60.0
+_FAULT_START, _FAULT_TIME = _BEGIN + 800.0, 60.0
 
 
 def _lost(how: str) -> dict[str, Any]:
@@ -231,7 +231,7 @@ def _lost(how: str) -> dict[str, Any]:
 
 
 def _lie(offset: float) -> dict[str, Any]:
-    return {"depth.lie_start": _LIE_START, "depth.lie_duration": _LIE_TIME, "depth.lie_offset": offset}
+    return {"depth.fault_start": _FAULT_START, "depth.fault_duration": _FAULT_TIME, "depth.fault_offset": offset}
 
 
 FAULTS: dict[str, dict[str, Any]] = {

@@ -43,11 +43,11 @@ def observed(name: str, *value: float, covariance: np.ndarray | None = None) -> 
 
 
 Measure = Callable[[Solution, Array], Measurement | None]
-"""Measurement of a solution with own states in use."""
+"""Measurement of a solution with states of the aid in use."""
 
 
 def of(aid: Aid[Any], *value: float, covariance: Array = COVARIANCE) -> Measure:
-    """The measurement of an aid that reads a value; of one number the variance is the first."""
+    """The measurement of an aid by a value; of one number the variance is the first."""
     size = len(value)
 
     def measure(solution: Solution, own: Array) -> Measurement | None:

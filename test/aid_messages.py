@@ -19,11 +19,11 @@ MESSAGES: dict[str, tuple[str, Any]] = {
     "depth": ("depth", partial(depth_message, message)),
     "pressure": ("pressure", partial(pressure_message, message)),
 }
-"""Topic, and what makes a message of stamp, value and covariance."""
+"""Topic, and factory of a message from stamp, value and covariance."""
 
 
 def add(navigator: Ins, kind: str, stamp_ns: int, *values: Any) -> None:
-    """Give a message of one of `MESSAGES`, or of "range" or "beacon" with the beacon's name first, to a navigator."""
+    """Add a message of one of `MESSAGES`, or of "range" or "beacon" with the beacon's name first, to a navigator."""
     if kind == "range":
         navigator.add(f"range/{values[0]}", RANGE(stamp_ns, *values[1:]))
     elif kind == "beacon":

@@ -1,8 +1,8 @@
 """Ranges to acoustic beacons.
 
-A beacon is moored where its parameters say, or floats: then its place comes on a topic of its own, and place and
-velocity are states of the filter (`ins_nav.aiding.beacon`). A range is measured to where the beacon was when sound left
-it. Where position is hardly known, ranges are gathered until they show one place (`ins_nav.aiding.range_search`).
+Parameters give the place of a moored beacon. A floating one transmits fixes; its place and velocity are states of the
+filter (`ins_nav.aiding.beacon`). A range is the distance to the beacon's place at the emission of the sound. While the
+position sigma is large, ranges are gathered until they determine one position (`ins_nav.aiding.range_search`).
 
 A range reads ``(1 + scale) distance + bias``; its own states are scale (error of the sound speed) and bias, m.
 """
@@ -55,7 +55,7 @@ from ins_nav.mechanization.nav_state import NavState, position_ecef
 from ins_nav.stamps import NS, stamp_of
 
 _POSITIVE_OUTLIERS = 0.9
-"""A reflected ray is longer than the direct one; what is left is noise taken for a reply."""
+"""A reflected ray is longer than the direct one; the other outliers are noise detected as a reply."""
 _PLACE = (
     ("latitude_deg", "latitude of the beacon, deg", 90.0),
     ("longitude_deg", "longitude of the beacon", 360.0),
@@ -73,14 +73,14 @@ class RangeParameters(AidParameters):
     beacons: str = parameter(
         "",
         "names of acoustic beacons, separated by commas. The place of each is range.<beacon>.latitude_deg, .longitude_"
-        "deg and .height; where these are not given it comes on beacon/<beacon>/fix",
+        "deg and .height; without them, fixes are expected on beacon/<beacon>/fix",
     )
     scale_stddev: float = parameter(0.0, "relative error of the speed of sound; 0: none", low=0.0, high=0.2)
     bias_stddev: float = parameter(0.0, "constant error of a beacon's ranges; 0: none", unit="m", low=0.0, high=1e3)
-    sound_speed: float = parameter(1500.0, "for the time that sound travels", unit="m/s", low=300.0, high=7000.0)
+    sound_speed: float = parameter(1500.0, "for the travel time of the sound", unit="m/s", low=300.0, high=7000.0)
     two_way: bool = parameter(
         False,
-        "the vehicle asks and the beacon answers, so a range is of the middle of that time; false: of its end",
+        "the vehicle interrogates and the beacon replies: a range is of the middle of that time; false: of its end",
     )
     beacon_speed: float = parameter(
         1.0,
@@ -98,17 +98,19 @@ class SimulatedRanges(Section):
     rate: float = parameter(0.0, "ranges a second to each beacon; 0: none", unit="Hz", low=0.0, high=100.0)
     lever_arm: Vector = parameter([0.0, 0.0, 0.0], "transducer from the IMU: forward, left, up", unit="m")
     noise_stddev: float = parameter(0.5, "white noise", unit="m", low=0.0)
-    bias: float = parameter(0.0, "what is added to every range", unit="m")
+    bias: float = parameter(0.0, "constant error of every range", unit="m")
     bias_stddev: float = parameter(0.0, "the same, drawn once a run for each beacon and added", unit="m", low=0.0)
     scale: float = parameter(
         0.0, "error of the sound speed: ranges are 1 + scale times the distance", low=-0.5, high=0.5
     )
     scale_stddev: float = parameter(0.0, "the same, drawn once a run and added", low=0.0, high=0.5)
-    outlier_share: float = parameter(0.0, "share of ranges that are wrong: nine in ten too long", low=0.0, high=1.0)
-    outlier_span: tuple[float, float] = parameter([10.0, 300.0], "by how much at least, and at most", unit="m", low=0.0)
-    max: float = parameter(5000.0, "no reply from beyond this distance", unit="m", low=0.0)
+    outlier_share: float = parameter(0.0, "share of outliers, nine in ten of them too long", low=0.0, high=1.0)
+    outlier_span: tuple[float, float] = parameter(
+        [10.0, 300.0], "smallest and largest error of an outlier", unit="m", low=0.0
+    )
+    max: float = parameter(5000.0, "largest distance with a reply", unit="m", low=0.0)
     delay_speed: float = parameter(
-        0.0, "stamps are late by distance over this: sound speed, the reply's way; 0: not late", unit="m/s", low=0.0
+        0.0, "speed of the reply's sound: stamps are late by distance over speed; 0: not late", unit="m/s", low=0.0
     )
 
 
@@ -117,7 +119,7 @@ class RangeReadings:
     """Slant ranges to one beacon, m of them: ``(1 + scale) distance + bias``."""
 
     stamps_ns: Stamps
-    """Of the replies' arrival, where stamps are late; else of the instants they are for."""
+    """Of the replies' arrival, where stamps are late; else of the emissions."""
     distance: Array
     """(m,), m."""
     stddev: float
@@ -173,7 +175,7 @@ def beacon_names(value: object) -> list[str]:
         if not BEACON_NAME.fullmatch(name) or f"{AcousticRange.NAME}.{name}" in known:
             raise ParameterError(f"parameter range.beacons: {name!r} cannot be the name of a beacon")
     if len(set(names)) < len(names):
-        raise ParameterError(f"parameter range.beacons: a name is there twice in {value!r}")
+        raise ParameterError(f"parameter range.beacons: a name occurs twice in {value!r}")
     return names
 
 
@@ -261,7 +263,7 @@ class AcousticRange(Aid[RangeParameters]):
         return Reading((distance,), (float(message.variance),), stamp_ns)
 
     def measure(self, solution: Solution, own: OwnStates, observation: Observation) -> Measurement | None:
-        """The range by itself, or where position is hardly known a place by all ranges that were gathered."""
+        """The range alone; with a large position sigma, the position by all gathered ranges."""
         place = self._place(own, observation)
         if place is None:
             text = "the beacon's place is unknown: publish its fixes, or set its parameters"
@@ -269,7 +271,7 @@ class AcousticRange(Aid[RangeParameters]):
         away, covariance = self._away(solution.state, place), solution.position_covariance
         spread = self._beacon_covariance(solution, own)
         if uncertain(spread[:2, :2], away):
-            raise Unusable(f"the beacon's place is known to {math.sqrt(spread.trace()):.0f} m only: rejected")
+            raise Unusable(f"sigma of the beacon's place is {math.sqrt(spread.trace()):.0f} m: rejected")
         if not uncertain(covariance[:2, :2], away):
             if self.name in self.search:
                 self.search.restart()
@@ -277,7 +279,7 @@ class AcousticRange(Aid[RangeParameters]):
         return self._gather(solution, own, observation, away, spread)
 
     def patience(self, observation: Observation, accepted: bool, placed: bool) -> float:
-        """None once position is known: then it is the beacon that is elsewhere."""
+        """0 once position is known: a consistent contradiction is then an error of the beacon's place."""
         return 0.0 if placed else self.PATIENCE
 
     def restart(self) -> None:
@@ -290,7 +292,7 @@ class AcousticRange(Aid[RangeParameters]):
 
     @classmethod
     def simulate(cls, world: World) -> dict[str, Readings]:
-        """Ranges to every beacon, and where it was at their instants."""
+        """Ranges to every beacon, and its true places at their instants."""
         p = world.section(SimulatedRanges, cls.NAME)
         scale = p.scale + p.scale_stddev * float(world.stream("range.scale").standard_normal())
         readings: dict[str, Readings] = {}
@@ -300,15 +302,15 @@ class AcousticRange(Aid[RangeParameters]):
         return readings
 
     def _travel_time(self, distance: float) -> float:
-        """Time that sound takes, s."""
+        """Of the sound, s."""
         return distance / self.parameters.sound_speed
 
     def _ago(self, observation: Observation) -> float:
-        """s from when sound left to the stamp; a range of two ways has the stamp of the middle already."""
+        """Time from the beacon's emission to the stamp, s; 0 for two ways: their stamp is that of the middle."""
         return 0.0 if self.parameters.two_way else self._travel_time(observation.value[0])
 
     def _place(self, own: OwnStates, observation: Observation) -> Array | None:
-        """Of the beacon when sound left it, Earth-fixed, m; None: unknown."""
+        """Of the beacon at the emission, Earth-fixed, m; None: unknown."""
         return self._beacon.at(own.values[len(self.states) :], self._ago(observation))
 
     def _away(self, state: NavState, place: Array) -> Array:
@@ -321,9 +323,9 @@ class AcousticRange(Aid[RangeParameters]):
     ) -> Measurement | None:
         """To second order in the error of the place, of that covariance, shape (3, 3), m².
 
-        Bar-Shalom, Li, Kirubarajan, Estimation with Applications to Tracking and Navigation, 10.3.2: across the
-        direction to the beacon range grows with the error's square. Where the place is hardly known, a range tells
-        less.
+        Bar-Shalom, Li, Kirubarajan, Estimation with Applications to Tracking and Navigation, 10.3.2: range grows
+        with the square of an error across the direction to the beacon, so that a large sigma of the place increases
+        the variance.
         """
         scale, bias = map(float, own.values[: len(self.states)])
         length = float(np.linalg.norm(away))
@@ -345,7 +347,7 @@ class AcousticRange(Aid[RangeParameters]):
     def _gather(
         self, solution: Solution, own: OwnStates, observation: Observation, away: Array, spread: Array
     ) -> Measurement:
-        """The place that the ranges to all beacons show; ``spread`` is the beacon's covariance, shape (3, 3), m²."""
+        """Position by the gathered ranges to all beacons; ``spread`` is the beacon's covariance, shape (3, 3), m²."""
         scale, bias = own.values[: len(self.states)].tolist()
         distance = (observation.value[0] - bias) / (1.0 + scale)
         position = solution.position_covariance[:2, :2]
@@ -357,10 +359,8 @@ class AcousticRange(Aid[RangeParameters]):
         found = self.search.settled(away, position)
         if found is None:
             sigma = math.sqrt(position.trace())
-            text = (
-                f"position is known to {sigma:.0f} m only, {distance:.0f} m away: ranges are gathered until they show "
-            )
-            raise Unusable(text + "one place: change course", "gathered")
+            text = f"position sigma is {sigma:.0f} m at a distance of {distance:.0f} m: ranges are gathered until they "
+            raise Unusable(text + "determine one position: change course", "gathered")
         self.search.restart()
         h = np.zeros((len(found.z), SIZE))
         h[:, HORIZONTAL_POSITION] = found.position
@@ -370,7 +370,7 @@ class AcousticRange(Aid[RangeParameters]):
         return Measurement(-found.z, h, np.diag(found.variance), POSITION, own_columns, shares)
 
     def _error_columns(self, solution: Solution, observation: Observation, distance: float) -> Array:
-        """Of the states, on the beacon's place, two axes of n, and on the offset of a range, shape (3, k)."""
+        """Jacobian by the states of the beacon's place, two axes of n, and of the offset of a range, shape (3, k)."""
         columns = np.zeros((3, len(self.states)))
         columns[2] = distance, 1.0
         if not self.shares:

@@ -36,7 +36,7 @@ class AidQueue:
     Attributes
     ----------
     heard : set of str
-        Names of the aids of which there was a message since alignment began.
+        Names of the aids with a message since alignment began.
     """
 
     def __init__(self, aids: Mapping[str, Aid[Any]], events: EventLog) -> None:
@@ -48,14 +48,14 @@ class AidQueue:
         self.restart()
 
     def restart(self) -> None:
-        """Alignment begins: there is no filter until `begin`."""
+        """Empty the queue at the start of alignment; there is no filter until `begin`."""
         self.heard: set[str] = set()
         self._began_ns = 0
         for aid in self._by_topic.values():
             aid.restart()
 
     def begin(self, stamp_ns: int) -> None:
-        """The filter begins at a stamp: older observations are dropped but for the latest of aids that keep it."""
+        """Start of the filter at a stamp: drop older observations but the latest of aids that keep it."""
         self._began_ns = stamp_ns
         self._drop(stamp_ns)
         for observation in self._latest.values():

@@ -2,8 +2,8 @@
 
 An aid is a subclass of `Aid` in a module of its own, and that module is all that knows it: parameters with unit, range
 and text; topic and message types; the check of a message (`Aid.read`); the measurement with its Jacobian
-(`Aid.measure`); what it may say of its own states. `ins_nav.aiding.registry` finds the modules. Each message takes the
-same way: `Aid.observe` -> `Observation` -> queue by stamp (`ins_nav.aiding.aid_queue`) -> `Aid.measure` -> gate and
+(`Aid.measure`); the report of its states. `ins_nav.aiding.registry` finds the modules. Each message passes the same
+stages: `Aid.observe` -> `Observation` -> queue by stamp (`ins_nav.aiding.aid_queue`) -> `Aid.measure` -> gate and
 update (`ins_nav.estimation.error_filter`) -> `Record`.
 
 Messages are read by the names of their fields, so that those of rclpy, of rosbags and of tests are alike.
@@ -245,20 +245,20 @@ class Aid(ABC, Generic[P]):
     """Prefix and section of the parameters of its simulated readings."""
 
     PATIENCE: ClassVar[float] = 60.0
-    """s without an accepted message after which 8 rejected ones that agree are accepted; 0: never."""
+    """s without an accepted message after which 8 consistent rejected ones override the gate; 0: never."""
     GIVES_POSITION: ClassVar[bool] = False
     """Its first message is a place to align at; once it is accepted, position is known without other aids."""
     MAY_BE_SILENT: ClassVar[bool] = False
-    """Its silence is no fault."""
+    """Silence is no fault."""
     EXPECTED: ClassVar[bool] = False
-    """It is reported, too, when there was no message since the start."""
+    """Silence since the start is reported too."""
     KEEPS_LATEST: ClassVar[bool] = False
     """Its latest message is a measurement for a filter that starts later."""
     CALIBRATED: ClassVar[int] = 0
-    """So many of its first states are of the unit and of how it is mounted: kept when alignment starts again."""
+    """Number of its first states that describe unit and mounting: they are kept when alignment restarts."""
     CALIBRATION: ClassVar[tuple[str, ...]] = ()
     """Names of the parameters that `calibration` gives."""
-    CHANGED: ClassVar[str] = "its own error has changed"
+    CHANGED: ClassVar[str] = "the error of the sensor has changed"
     """Cause when messages that measure the aid's own states only are accepted after a row of rejected ones."""
 
     def __init__(self, parameters: P, name: str = "", topic: str = "") -> None:
@@ -340,7 +340,7 @@ class Aid(ABC, Generic[P]):
         """
 
     def patience(self, observation: Observation, accepted: bool, placed: bool) -> float:
-        """`PATIENCE` for an observation, s; 0: never accepted against the filter, infinite: only drifts.
+        """`PATIENCE` for an observation, s; 0: never, infinite: only where the filter diverges.
 
         Parameters
         ----------
@@ -348,12 +348,12 @@ class Aid(ABC, Generic[P]):
         accepted : bool
             A measurement of this aid was accepted before.
         placed : bool
-            One of an aid that gives position was.
+            A measurement of an aid of position was accepted before.
         """
         return self.PATIENCE
 
     def restart(self) -> None:
-        """The filter starts anew, and with it the aid's own states."""
+        """Reset what the aid keeps, together with its states in the filter."""
 
     def corrected(self, before: NavState, after: NavState) -> None:
         """The solution was corrected."""

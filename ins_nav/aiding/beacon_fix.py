@@ -1,6 +1,6 @@
 """Fixes of acoustic beacons that float, and the beacons of a simulation.
 
-A fix measures where a beacon is, or was, and nothing else: place and velocity of the beacon are states of the filter
+A fix measures the place of a beacon at its stamp: place and velocity of the beacon are states of the filter
 (`ins_nav.aiding.beacon`), which the ranges to it share (`ins_nav.aiding.acoustic_range`).
 """
 
@@ -47,7 +47,7 @@ def fix_topic(beacon_name: str) -> str:
 
 @dataclass(frozen=True)
 class BeaconFixParameters(AidParameters):
-    """Of the fixes of beacons: not to be set."""
+    """Of the fixes of beacons; none can be set."""
 
     default_stddev: float = declare_default_stddev(3.0, "m")
     min_stddev: float = declare_min_stddev(0.05, "m")
@@ -62,11 +62,11 @@ class SimulatedBeacons(Section):
         [], "east, north of the origin, up from the water's surface: three a beacon", unit="m"
     )
     radii: tuple[float, ...] = parameter(
-        [0.0], "circle it goes about its position, one a beacon, or one for all; 0: it stands", unit="m", low=0.0
+        [0.0], "radius of its circle about that place, one a beacon, or one for all; 0: it stands", unit="m", low=0.0
     )
     speed: float = parameter(1.0, "speed on that circle", unit="m/s", low=0.0)
     fix_rates: tuple[float, ...] = parameter(
-        [0.0], "fixes it transmits a second, one a beacon, or one for all", unit="Hz", low=0.0, high=100.0
+        [0.0], "rate of its fixes, one a beacon, or one for all", unit="Hz", low=0.0, high=100.0
     )
     fix_stddev: float = parameter(0.5, "noise of its fixes, each axis", unit="m", low=0.0)
 
@@ -83,7 +83,7 @@ class SimulatedBeacon(NamedTuple):
     """Each axis, m."""
 
     def exact(self, world: World, index: Index) -> Fixes:
-        """Where it was at instants."""
+        """Its true places at instants."""
         there = self.states(world.truth.time[index])
         nothing = (0.0, 0.0, 0.0)
         return Fixes(world.stamps_ns[index], there.lat, there.lon, there.height, nothing, self.name)
@@ -135,7 +135,7 @@ def _each(name: str, numbers: tuple[float, ...], beacons: list[str], k: int) -> 
 
 
 class BeaconFix(Aid[BeaconFixParameters]):
-    """Fix of a beacon that floats: a measurement of where the beacon is, or was, and of nothing else.
+    """Fix of a beacon that floats: a measurement of its place, which may be late.
 
     Parameters
     ----------
@@ -153,7 +153,7 @@ class BeaconFix(Aid[BeaconFixParameters]):
     SIMULATED = ("beacon", SimulatedBeacons)
     MAY_BE_SILENT = True
     KEEPS_LATEST = True
-    CHANGED = "the beacon was elsewhere: is range.beacon_speed too small?"
+    CHANGED = "the beacon has left its predicted track: is range.beacon_speed too small?"
 
     def __init__(self, beacon: Beacon, beacon_name: str, enabled: bool) -> None:
         name = fix_topic(beacon_name)
@@ -165,7 +165,7 @@ class BeaconFix(Aid[BeaconFixParameters]):
 
     @classmethod
     def rows(cls, overrides: Mapping[str, object]) -> list[Parameter]:
-        """None: it has no parameters of its own."""
+        """None: its parameters are those of the ranges."""
         return []
 
     @classmethod
@@ -174,7 +174,7 @@ class BeaconFix(Aid[BeaconFixParameters]):
         return []
 
     def read(self, message: Any) -> Reading:
-        """The content of a message; of a beacon that has moved, the same place under a new stamp is no news."""
+        """The content of a message; a repeated place of a moving beacon under a new stamp is rejected."""
         reading = read_fix(message)
         if math.isnan(reading.value[2]):
             raise no_measurement(reading.value)
@@ -182,12 +182,12 @@ class BeaconFix(Aid[BeaconFixParameters]):
         self._moves = self._moves or not (self._last is None or repeated)
         self._last = reading.value
         if self._moves and repeated:
-            raise Unusable("the last place under a new stamp: rejected", "repeated")
+            raise Unusable("place repeated under a new stamp: rejected", "repeated")
         return reading
 
     def late(self, seconds: float) -> tuple[bool, str, str]:
         used = self._beacon.reference is None or self._beacon.way_stddev(seconds) < _USELESS
-        text = "used for where the beacon was then" if used else "rejected: check its clock"
+        text = "used for the beacon's place at that time" if used else "rejected: check its clock"
         return used, INFO if used and seconds < _LATE else WARN, text
 
     def measure(self, solution: Solution, own: OwnStates, observation: Observation) -> Measurement:

@@ -56,11 +56,11 @@ class SimulatedGauge(Section):
     rate: float = parameter(0.0, "readings a second; 0: none", unit="Hz", low=0.0, high=100.0)
     lever_arm: Vector = parameter([0.0, 0.0, 0.0], "gauge from the IMU: forward, left, up", unit="m")
     noise_stddev: float = parameter(0.05, "white noise", low=0.0)
-    bias: float = parameter(0.0, "what it reads too much")
+    bias: float = parameter(0.0, "constant error of its readings")
     bias_stddev: float = parameter(0.0, "the same, drawn once a run and added", low=0.0)
-    lie_start: float = parameter(0.0, "when it begins to lie", unit="s", low=0.0)
-    lie_duration: float = parameter(0.0, "for how long; 0: never", unit="s", low=0.0)
-    lie_offset: float = parameter(0.0, "by how much")
+    fault_start: float = parameter(0.0, "start of a fault", unit="s", low=0.0)
+    fault_duration: float = parameter(0.0, "duration of the fault; 0: none", unit="s", low=0.0)
+    fault_offset: float = parameter(0.0, "additional error during the fault")
 
 
 @dataclass(frozen=True)
@@ -104,7 +104,7 @@ def simulated_gauge(
     depth = simulated_depth(world).surface_height - world.height(index, gauge.lever_arm)
     noise = gauge.noise_stddev * world.stream(f"{name}.noise").standard_normal(len(index))
     value = at_surface + per_metre * depth + bias + noise
-    value[within(world.truth.time[index], gauge.lie_start, gauge.lie_duration)] += gauge.lie_offset
+    value[within(world.truth.time[index], gauge.fault_start, gauge.fault_duration)] += gauge.fault_offset
     return world.stamps_ns[index], value, bias
 
 
@@ -121,7 +121,7 @@ P = TypeVar("P", bound=AidParameters)
 
 
 class DepthAid(Aid[P]):
-    """A gauge of depth; its own state, unless the surface is known exactly, is the surface's height, m.
+    """A gauge of depth; its state is the height of the water's surface, m, unless that is known exactly.
 
     Parameters
     ----------
@@ -153,13 +153,13 @@ class DepthAid(Aid[P]):
         h[HEIGHT, HEIGHT] = 1.0
         set_turned(h, arm)
         z, r = np.array([height - surface + depth]), np.array([[variance]])
-        if self.states:  # a gauge that disagrees for long: the surface has moved
+        if self.states:  # a long contradiction: the surface has moved
             return Measurement(z, h[2:], r, None, np.array([[-1.0]]))
         return Measurement(z, h[2:], r, slice(HEIGHT, HEIGHT + 1))
 
 
 class Depth(DepthAid[DepthParameters]):
-    """Depth by a gauge that has computed it."""
+    """Depth as computed by the gauge."""
 
     NAME = "depth"
     TOPIC = "depth"

@@ -8,7 +8,7 @@ from ins_nav.event_log import WARN
 from ins_nav.stamps import stamp_of
 
 _HEIGHTS = -12e3, 1e5
-"""m, ellipsoidal: no vehicle is elsewhere."""
+"""m, ellipsoidal: plausible heights."""
 
 
 def read_fix(message: Any) -> Reading:
@@ -17,7 +17,7 @@ def read_fix(message: Any) -> Reading:
     Raises
     ------
     Unusable
-        There is no fix, or it is no place.
+        No fix, or an impossible position.
     """
     if message.status.status < 0:
         raise Unusable("no fix (status < 0)", "no fix")
@@ -39,5 +39,5 @@ def read_velocity(message: Any) -> Reading:
 
 
 def no_measurement(value: tuple[float, ...]) -> Unusable:
-    """What a value is that is none."""
+    """Error of a value that is no measurement."""
     return Unusable(f"{value} is no measurement: rejected")

@@ -1,6 +1,6 @@
 """GNSS position: latitude, longitude and height of an antenna.
 
-Its error may change slowly (own states) besides being white: reflections, the atmosphere.
+Besides white noise its error may have a slow part, which is estimated: reflections, the atmosphere.
 """
 
 import math
@@ -112,7 +112,7 @@ def simulated_receiver(world: World) -> GnssReceiver:
 
 
 class Gnss(Aid[GnssParameters]):
-    """Position of an antenna; own states: the slow error on n, m, three or none."""
+    """Position of an antenna; states: the slow error on n, m, three or none."""
 
     NAME = "gnss"
     TOPIC = "gnss/fix"

@@ -71,7 +71,7 @@ class VelocityReadings:
 
 
 class GnssVelocity(Aid[GnssVelocityParameters]):
-    """Velocity of an antenna; it has no own states."""
+    """Velocity of an antenna; no states."""
 
     NAME = "gnss_velocity"
     TOPIC = "gnss/velocity"

@@ -1,11 +1,11 @@
 """Heading from outside: dual antenna, compass, SLAM.
 
-It reads the yaw of its x axis, east-north-up, counter-clockwise from east; that axis is turned from base_link's x axis
-by the yaw of its mounting, which is a state. A slow error besides (deviation of a compass) is another one.
+It measures the yaw of its x axis, east-north-up, counter-clockwise from east; the yaw of the mounting, a state, turns
+that axis from base_link's x axis. A slow error (deviation of a compass) is a further state.
 
 An unknown heading has its sine and cosine as states (`ins_nav.estimation.error_model`): then the measurement is the
 horizontal direction of the x axis, computed less measured, which is linear in them for any error. Once heading is known
-it is the angle, so that a reading that is wrong by half a turn is not taken for a right one.
+it is the angle, so that a reading wrong by half a turn is outside the gate.
 """
 
 import math
@@ -114,7 +114,7 @@ def heading_message(make: MakeMessage, stamp_ns: int, yaw: float, variance: floa
 
 
 class Heading(Aid[HeadingParameters]):
-    """Yaw of a sensor's x axis, rad; own states: the yaw of its mounting, and the slow error if there is one, rad."""
+    """Yaw of a sensor's x axis, rad; states: the yaw of its mounting, and the slow error if there is one, rad."""
 
     NAME = "heading"
     TOPIC = "heading"

@@ -1,14 +1,14 @@
 """Position by ranges to beacons from a moving vehicle with a large position sigma: a sum of Gaussians.
 
-A range is a circle. A linear filter that uses it as a straight line becomes certain of a wrong place. So, as long as
-position is uncertain by much of the distance, ranges do not go to the filter; they weigh hypotheses all around the
-circle of the first one, each with a small covariance of its own ([1]_). Ranges to all beacons weigh the same ones.
+A range is a circle. A linear filter that uses it as a straight line becomes certain of a wrong place. While the sigma
+of position is a large part of the distance, the filter therefore uses no single range; ranges weigh hypotheses all
+around the circle of the first one, each with a small covariance ([1]_). Ranges to all beacons weigh the same ones.
 Errors common to all ranges to a beacon, an offset and the error of the beacon's position, are states of each
 hypothesis, so that many ranges do not average them.
 
 The hypotheses are the likelihood of the ranges alone. `RangeSearch.settled` multiplies it by the filter's present
-position; once the product is one place, the likelihood near it is a measurement for the filter. The filter's own
-position is not in it, so that the update does not count it twice. Two positions to either side of a straight
+position; once the product is one place, the likelihood near it is a measurement for the filter. It does not
+contain the filter's position, which the update would count twice otherwise. Two positions to either side of a straight
 course remain two.
 
 References
@@ -41,9 +41,9 @@ _GATE = 16.0
 """Square of sigmas: a hypothesis is not updated by a range that is further off."""
 _LEAST = 1e-12
 """Weight, of the greatest, below which a hypothesis is discarded."""
-_DOUBT, _BELIEF, _LOST = 2.0, 1.0, 6.0
+_DOUBT, _CONFIRMED, _LOST = 2.0, 1.0, 6.0
 """Whether the first range, on which all hypotheses lie, was an outlier: at the start, at most where a place is found,
-and where the search begins again. A later range to that beacon adds 1 where it suits no hypothesis, else takes 0.5."""
+and where the search restarts. A later range to that beacon adds 1 where no hypothesis fits it, else subtracts 0.5."""
 _RANGES = 8
 """Least number of ranges that determine a position."""
 _SILENT = 20
@@ -113,7 +113,7 @@ class RangeSearch:
         self.restart()
 
     def restart(self) -> None:
-        """Forget all ranges."""
+        """Discard all ranges."""
         self.weights: Array = np.empty(0)
         self.means: Array = np.empty((0, 2))
         self.covariances: Array = np.empty((0, 2, 2))
@@ -126,7 +126,7 @@ class RangeSearch:
         return beacon in self._beacons
 
     def moved(self, x: float, y: float) -> None:
-        """The computed position has been corrected by so much along the two axes, m."""
+        """Shift all hypotheses by a correction of the computed position along the two axes, m."""
         self.means[:, :2] -= [x, y]
 
     def add(
@@ -232,7 +232,7 @@ class RangeSearch:
         self.means, self.covariances = self.means[kept], self.covariances[kept]
 
     def settled(self, away: Array, position: Array) -> Likelihood | None:
-        """The ranges as a measurement, once they and the computed position show one place; None before.
+        """The ranges as a measurement, once they and the computed position determine one place; None before.
 
         Parameters
         ----------
@@ -241,7 +241,7 @@ class RangeSearch:
         position : ndarray, shape (2, 2)
             Covariance of the computed position, m².
         """
-        if self._count < _RANGES or self._doubt > _BELIEF:
+        if self._count < _RANGES or self._doubt > _CONFIRMED:
             return None
         weights, means, covariances = self._times(position)
         mean = weights @ means
@@ -280,5 +280,5 @@ class RangeSearch:
 
 
 def uncertain(covariance: Array, away: Array) -> bool:
-    """Whether a range of such a direction is no straight line for a place of such a covariance, shape (2, 2), m²."""
+    """Whether a place with that covariance, shape (2, 2), m², is too uncertain for a linear range in that direction."""
     return float(np.linalg.eigvalsh(covariance)[1]) > UNSURE**2 * float(away @ away)

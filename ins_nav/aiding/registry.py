@@ -1,4 +1,4 @@
-"""The aids there are: every subclass of `Aid` that a module of this package defines. Adding a file is enough."""
+"""Registry of aids: every subclass of `Aid` that a module of this package defines. Adding a file is enough."""
 
 import functools
 import importlib
@@ -30,7 +30,7 @@ def aid_rows(overrides: Mapping[str, object]) -> list[Parameter]:
     Parameters
     ----------
     overrides : mapping
-        Parameters that are given, by full name: they may name further rows.
+        Values by full name; they may name further rows.
 
     Raises
     ------
@@ -45,7 +45,7 @@ def create_aids(values: Mapping[str, Value]) -> dict[str, Aid[Any]]:
 
 
 def by_topic(aids: Mapping[str, Aid[Any]]) -> dict[str, Aid[Any]]:
-    """The same by topic."""
+    """The aids by topic."""
     return {aid.topic: aid for aid in aids.values()}
 
 

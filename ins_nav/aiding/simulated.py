@@ -3,8 +3,8 @@
 An aid that can be simulated declares a section of parameters (`Aid.SIMULATED`) and draws its readings in
 `Aid.simulate`; `ins_nav.simulation` has the motion and writes the messages. A sensor measures at the trajectory's
 instants nearest to its own, and is where its lever arm puts it. Every error source draws from a stream of its own,
-named after it, and draws for every instant, whether there is a reading then or not: what is switched on or off leaves
-the other draws as they were.
+named after it, and draws for every instant, with a reading or without: switching one source on or off does not change
+the draws of the others.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -24,17 +24,17 @@ from ins_nav.stamps import NS
 Stamps = NDArray[np.int64]
 Index = NDArray[np.int64]
 MakeMessage = Callable[..., Any]
-"""Makes a message of a type, ``package/msg/Name``: zeros, apart from the fields given by name."""
+"""Factory of a message: type ``package/msg/Name``, fields by name; the other fields are zero."""
 Messages = Iterator[tuple[int, Any]]
 """Messages with their stamps, ns, in order."""
 S = TypeVar("S", bound=Section)
 _CHUNK = 10_000
 UNKNOWN = 1e9
-"""Variance of what a message has room for and the sensor does not measure."""
+"""Variance of fields of a message that the sensor does not measure."""
 
 
 class Readings(Protocol):
-    """What an aid measured in a simulation."""
+    """Simulated readings of an aid."""
 
     @property
     def stamps_ns(self) -> Stamps:
@@ -45,7 +45,7 @@ class Readings(Protocol):
         """``package/msg/Name``."""
 
     def messages(self, make: MakeMessage) -> Messages:
-        """The same as messages."""
+        """The readings as messages."""
 
 
 class Truth(Protocol):
@@ -89,7 +89,7 @@ class Truth(Protocol):
 
 
 class Circle(Protocol):
-    """True states of a point that goes about a place on the tangent plane at the trajectory's origin."""
+    """True states of a point that circles a place on the tangent plane at the trajectory's origin."""
 
     def __call__(self, centre: Vector, radius: float, period: float, time: Array) -> Truth:
         """East, north, up of the centre and the radius, m; period and times, s."""
@@ -97,7 +97,7 @@ class Circle(Protocol):
 
 @dataclass(frozen=True)
 class World:
-    """What the aids of a simulation measure.
+    """Truth of a simulation, measured by the aids.
 
     Attributes
     ----------
@@ -154,7 +154,7 @@ class World:
     def outliers(
         self, name: str, share: float, span: Sequence[float], source: str, count: int
     ) -> tuple[NDArray[np.bool_], Array]:
-        """Which readings are wrong, and by how much they would be.
+        """Outliers: which readings, and the errors that they would have.
 
         Raises
         ------
@@ -232,7 +232,7 @@ def turned(q: Array, vector: ArrayLike, inverse: bool = False) -> Array:
 
 
 def within(time: Array, start: float, duration: float, period: float = 0.0) -> NDArray[np.bool_]:
-    """Which times, s, are in a window, or in one of those that come back after each period."""
+    """Which times, s, are in a window, or in one of its periodic repetitions."""
     since = time - start
     if period:
         since = np.where(since < 0.0, since, since % period)

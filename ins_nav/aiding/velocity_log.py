@@ -1,7 +1,7 @@
 """Velocity log: Doppler log, odometer; velocity relative to the ground, or the water, on the sensor's own axes.
 
-It reads ``(1 + scale) v + (0, a_y, a_z) x v``; its first three states are the scale and the two angles, rad, by which
-the direction of its x axis is wrong. v is the velocity of the sensor on its nominal axes; where it measures through
+It measures ``(1 + scale) v + (0, a_y, a_z) x v``; its first three states are the scale and the two angles, rad, of the
+error of its x axis. v is the velocity of the sensor on its nominal axes; where it measures through
 water, less the current, whose east and north components, m/s, are two states more. A slow error besides is three states
 on its axes, m/s.
 """
@@ -69,7 +69,9 @@ class LogParameters(AidParameters):
         high=360.0,
         scale=DEG,
     )
-    max_speed: float = parameter(100.0, "messages with more on an axis are rejected", unit="m/s", low=0.1, high=1e4)
+    max_speed: float = parameter(
+        100.0, "messages with a higher speed on an axis are rejected", unit="m/s", low=0.1, high=1e4
+    )
     scale: float = parameter(
         0.0, "known error of its scale factor: 0.01 where it reads 1 % too much", low=-0.5, high=0.5
     )
@@ -117,7 +119,7 @@ class SimulatedLog(Section):
     )
     lever_arm: Vector = parameter([0.0, 0.0, 0.0], "log from the IMU: forward, left, up", unit="m")
     noise_stddev: float = parameter(0.01, "white noise, each axis", unit="m/s", low=0.0)
-    noise_per_speed: float = parameter(0.0, "white noise besides, each axis, as a share of speed", low=0.0, high=1.0)
+    noise_per_speed: float = parameter(0.0, "further white noise, each axis, as a share of speed", low=0.0, high=1.0)
     scale: float = parameter(0.0, "scale error: it reads 1 + scale times the velocity", low=-0.5, high=0.5)
     scale_stddev: float = parameter(0.0, "the same, drawn once a run and added", low=0.0, high=0.5)
     misalignment: tuple[float, float] = parameter(
@@ -142,12 +144,10 @@ class SimulatedLog(Section):
         [0.0, 0.0], "current of the water it tracks, east, north; 0 on bottom track", unit="m/s"
     )
     current_stddev: float = parameter(0.0, "the same, drawn once a run and added, each", unit="m/s", low=0.0)
-    lost: str = parameter(
-        "nan", "what it gives while it has lost the bottom; silent: nothing", choices=("nan", "zeros", "silent")
-    )
-    lost_start: float = parameter(0.0, "when it loses the bottom", unit="s", low=0.0)
-    lost_duration: float = parameter(0.0, "for how long; 0: never", unit="s", low=0.0)
-    lost_period: float = parameter(0.0, "and again after so long; 0: once", unit="s", low=0.0)
+    lost: str = parameter("nan", "output without bottom; silent: none", choices=("nan", "zeros", "silent"))
+    lost_start: float = parameter(0.0, "start of a loss of bottom", unit="s", low=0.0)
+    lost_duration: float = parameter(0.0, "duration of the loss; 0: none", unit="s", low=0.0)
+    lost_period: float = parameter(0.0, "period of repeated losses; 0: one loss", unit="s", low=0.0)
     outlier_share: float = parameter(0.0, "share of readings off by a vector of any direction", low=0.0, high=1.0)
     outlier_span: tuple[float, float] = parameter(
         [0.5, 3.0], "smallest and largest length of that vector", unit="m/s", low=0.0
@@ -160,7 +160,7 @@ class LogReadings:
 
     stamps_ns: Stamps
     velocity: Array
-    """(m, 3), m/s; NaN or 0 while it has lost the bottom, if `SimulatedLog.lost` says so."""
+    """(m, 3), m/s; NaN or 0 without bottom, by `SimulatedLog.lost`."""
     stddev: Array
     """(m,), of the noise, each axis, m/s."""
     scale: float
@@ -246,7 +246,7 @@ class VelocityLog(Aid[LogParameters]):
         return Measurement(z[axes], h[axes], r, VELOCITY, columns[axes])
 
     def patience(self, observation: Observation, accepted: bool, placed: bool) -> float:
-        """Zeros on every axis are a log without bottom; one that was accepted and then jumps has lost it, too."""
+        """0 for zeros on every axis, infinite once accepted before: then a jump, too, is a loss of bottom."""
         if not any(x for x in observation.value if math.isfinite(x)):
             return 0.0
         return math.inf if accepted else self.PATIENCE

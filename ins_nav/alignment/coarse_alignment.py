@@ -44,7 +44,7 @@ class AlignmentError(InsNavError):
 
 
 class MovedError(AlignmentError):
-    """The base moved off: the data so far is useless."""
+    """The base moved off: data from before are unusable."""
 
 
 @dataclass(frozen=True)
@@ -111,7 +111,7 @@ class CoarseAlignment:
     Attributes
     ----------
     cone : GravityCone
-        The data gathered.
+        The accumulated samples.
     """
 
     def __init__(

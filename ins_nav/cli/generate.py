@@ -1,6 +1,6 @@
 """Files generated from the declarations: config/ins.yaml, doc/parameters.md and tables of README.md.
 
-``python -m ins_nav.cli.generate`` in the folder of the sources writes them; ``--check`` only says which are stale.
+``python -m ins_nav.cli.generate`` in the folder of the sources writes them; ``--check`` only lists the stale ones.
 """
 
 import argparse
@@ -75,7 +75,7 @@ def aid_topics() -> str:
 
 
 def with_table(text: str, name: str, content: str) -> str:
-    """A text with what is between the markers of that name replaced.
+    """A text with another table between the markers of that name.
 
     Raises
     ------

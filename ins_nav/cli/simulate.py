@@ -43,7 +43,7 @@ def main(argv: Sequence[str] | None = None) -> int | None:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog="ins_simulate", allow_abbrev=False, description="Make a bag with known truth from a scenario."
+        prog="ins_simulate", allow_abbrev=False, description="Simulate a scenario and write a bag with its truth."
     )
     parser.add_argument("scenario", nargs="?", metavar="SCENARIO", help="name of a scenario, see --list")
     parser.add_argument("-o", "--output", type=Path, metavar="BAG", help="folder of the bag to write")
@@ -51,7 +51,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--param", action="append", default=[], metavar="NAME:=VALUE", help="set a parameter; may be repeated"
     )
-    parser.add_argument("--overwrite", action="store_true", help="replace a bag that is there")
+    parser.add_argument("--overwrite", action="store_true", help="replace an existing bag")
     parser.add_argument("--list", action="store_true", help="show the scenarios and their parameters")
     return parser
 

@@ -23,7 +23,7 @@ from ins_nav.config.sections import (
 _DETECTOR = "the stop detector's default is used; stop.vibration and stop.sway_deg_per_s describe the vehicle"
 _PATIENCE = "the aid's default is used; its gate and sigmas decide what is rejected"
 GONE: Mapping[str, str] = {
-    "aiding.stops": "zupt.zero_velocity: false is what zupt and none were",
+    "aiding.stops": "zupt.zero_velocity: false replaces zupt and none",
     "stop.window": _DETECTOR,
     "stop.min_duration": _DETECTOR,
     "stop.false_alarm_probability": _DETECTOR,
@@ -84,7 +84,7 @@ class Configuration:
         overrides : mapping, optional
             Values by full name, in the units of the parameters; former names are understood.
         others : iterable of Parameter
-            Rows of the table that are not of the sections here: those of aids.
+            Further rows of the table: those of aids.
         gone : mapping
             Names that are accepted without effect, each with what to do instead.
 
@@ -97,7 +97,7 @@ class Configuration:
         return cls._of(checked_values(present, rows), rows, warnings)
 
     def updated(self, overrides: Mapping[str, object]) -> Self:
-        """The same with other values, by present names.
+        """A configuration with some other values, by present names.
 
         Raises
         ------

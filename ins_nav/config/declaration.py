@@ -1,7 +1,7 @@
 """Declaration of parameters as fields of typed sections: name, unit, range and text in one place.
 
-A section is a frozen dataclass whose fields are made by `parameter`. It says everything about its parameters: the rows
-of the table (`Section.rows`), from which ROS declarations, YAML and documentation are generated, and the values in SI
+A section is a frozen dataclass with fields by `parameter`. It declares everything about its parameters: the rows of
+the table (`Section.rows`), from which ROS declarations, YAML and documentation are generated, and the values in SI
 units and radians (`Section.from_values`), converted here and nowhere else::
 
     @dataclass(frozen=True)

@@ -25,11 +25,11 @@ _SQRT_HOUR = 60.0
 
 @dataclass(frozen=True)
 class ImuSection(Section):
-    """``imu.*``: what the IMU is and how it is mounted."""
+    """``imu.*``: the IMU and its mounting."""
 
     sampling: str = parameter(
         "averaged",
-        "what a sample is: the mean over the interval that it ends (increment / interval), or the value at its stamp",
+        "meaning of a sample: mean over the interval that it ends (increment / interval), or value at its stamp",
         choices=("averaged", "instantaneous"),
     )
     mounting_rpy: Vector = parameter(
@@ -43,14 +43,14 @@ class ImuSection(Section):
     )
     gyro_bias: Vector = parameter(
         [0.0, 0.0, 0.0],
-        "known gyro biases on base_link's axes",
+        "initial gyro biases on base_link's axes",
         name="gyro_bias_deg_per_hour",
         unit="deg/h",
         scale=DEG_PER_HOUR,
     )
     accel_bias: Vector = parameter(
         [0.0, 0.0, 0.0],
-        "known accelerometer biases on base_link's axes",
+        "initial accelerometer biases on base_link's axes",
         name="accel_bias_mg",
         unit="1e-3 g",
         scale=MILLI_G,
@@ -65,7 +65,7 @@ class ImuSection(Section):
     )
     gyro_bias_walk: float = parameter(
         0.003,
-        "random walk of the gyro biases, their change in an hour; how soon a ZUPT is out of date",
+        "random walk of the gyro biases, their change in an hour; limits the use of a past ZUPT",
         name="gyro_bias_walk_deg_per_hour_per_sqrt_hour",
         unit="deg/h",
         low=0.0,
@@ -170,7 +170,7 @@ class AlignmentSection(Section):
         5.0, "length of coarse alignment where the heading is given", unit="s", low=2.0, high=3600.0
     )
     max_speed: float = parameter(
-        2.0, "a base that moves faster during coarse alignment travels", unit="m/s", low=0.01, high=100.0
+        2.0, "a higher speed during coarse alignment is travel", unit="m/s", low=0.01, high=100.0
     )
     fine_heading: float = parameter(
         0.0,
@@ -224,11 +224,11 @@ class ZuptSection(Section):
 
 @dataclass(frozen=True)
 class StopSection(Section):
-    """``stop.*``: what a vehicle does while it stands."""
+    """``stop.*``: motion of a vehicle that stands."""
 
     max_speed: float = parameter(
         0.1,
-        "a base travels when its mean speed over 1 s is higher; swell may stay below",
+        "a higher mean speed over 1 s is travel; that of swell may stay below",
         unit="m/s",
         low=0.02,
         high=2.0,

@@ -1,6 +1,6 @@
 """The state file from one start to the next: biases, calibrations of aids, the last pose.
 
-A ROS 2 parameter file, which can be read, edited, and given to a node directly. Biases are initial values with the
+A ROS 2 parameter file: people can read and edit it, a node accepts it directly. Biases are initial values with the
 sigmas of the parameters, since a unit's bias changes from one start to the next; the mounting of the log does not
 change, and its sigma is that of the calibration.
 """
@@ -43,7 +43,7 @@ class Pose(NamedTuple):
 
 
 def save(path: str | Path, parameters: Mapping[str, Value], pose: Pose) -> None:
-    """Write the file; one that is there is replaced at once and whole, or not at all.
+    """Write the file; an existing one is replaced atomically.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ def save(path: str | Path, parameters: Mapping[str, Value], pose: Pose) -> None:
         raise StateFileError(f"state_file {path}: {error.strerror}") from None
 
 
-def take_up(
+def read_state(
     configuration: Configuration, events: EventLog, names: Collection[str]
 ) -> tuple[Configuration, dict[str, Value], Pose | None]:
     """The configuration with the values in ``state_file``, those of calibrations, and the last pose, if there is one.
@@ -93,16 +93,16 @@ def take_up(
     if not name:
         return configuration, {}, None
     if not path.exists():
-        events.report(INFO, f"state_file {path} is not there yet: ins_node/save writes it")
+        events.report(INFO, f"state_file {path} does not exist yet: ins_node/save writes it")
         return configuration, {}, None
     try:
-        kept, pose = load(path, configuration, names)
+        saved, pose = load(path, configuration, names)
     except StateFileError as error:
-        events.report(WARN, f"{error}: nothing of it is used; save again, or remove it")
+        events.report(WARN, f"{error}: the file is not used; save again, or remove it")
         return configuration, {}, None
-    events.report(INFO, f"state_file {path}: {', '.join(kept)} taken up, as saved {_date(pose)}")
-    calibration = {name: value for name, value in kept.items() if name in names}
-    return configuration.updated(kept), calibration, pose
+    events.report(INFO, f"state_file {path}: {', '.join(saved)} read, saved {_date(pose)}")
+    calibration = {name: value for name, value in saved.items() if name in names}
+    return configuration.updated(saved), calibration, pose
 
 
 def _date(pose: Pose) -> str:
@@ -128,7 +128,7 @@ def load(path: str | Path, configuration: Configuration, names: Collection[str])
         raise StateFileError(f"state_file {path}: {error}") from None
     other = content.keys() - {*_BIASES, *names}
     if other:
-        raise StateFileError(f"state_file {path}: {min(other)} is not kept in such a file")
+        raise StateFileError(f"state_file {path}: {min(other)} does not belong in such a file")
     if not all(map(math.isfinite, pose)) or abs(pose.latitude_deg) > 90.0:
-        raise StateFileError(f"state_file {path}: {_LAST} has a value that is none")
+        raise StateFileError(f"state_file {path}: {_LAST} has an invalid value")
     return {name: checked[name] for name in content}, pose

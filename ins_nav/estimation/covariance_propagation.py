@@ -34,8 +34,8 @@ from ins_nav.mechanization.nav_state import NavState
 from ins_nav.mechanization.replay_buffer import LENGTH_NS, ReplayBuffer
 
 _STEP_NS, _LONGEST_NS = 100_000_000, 500_000_000
-"""ns of data over which the covariance is carried at a time: the first where the body turns, the second where it turns
-by less than `_TURN` in it (`ErrorModel.transition`)."""
+"""ns of data over which the covariance is propagated in one step: the first where the body turns, the second where it
+turns by less than `_TURN` in it (`ErrorModel.transition`)."""
 _TURN = 0.1
 """rad."""
 _GRAVITY = 9.81
@@ -77,7 +77,7 @@ def imu_errors(configuration: Configuration) -> ImuErrors:
 def filter_of(
     model: ErrorModel, covariance: Array, own_states: Mapping[str, Sequence[SlowState]] | None = None
 ) -> ErrorFilter:
-    """A filter that begins with a covariance.
+    """A filter with an initial covariance.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ def filter_of(
         Those of aids.
     """
     stddev = np.sqrt(covariance.diagonal())
-    made = ErrorFilter(
+    result = ErrorFilter(
         model, stddev[POSITION].tolist(), stddev[VELOCITY].tolist(), covariance[ATTITUDE, ATTITUDE], own_states
     )
     rows = model.solution_rows
@@ -96,27 +96,28 @@ def filter_of(
         rows = rows[SOLUTION]
     covariance = covariance[: len(rows), : len(rows)]
     scale = np.ones(len(rows))
-    scale[HEADING] = 1.0 - made.x[COSINE]  # of an unknown heading the sine
+    scale[HEADING] = 1.0 - result.x[COSINE]  # of an unknown heading the sine
     if not model.vertical:
         scale[VERTICAL_VELOCITY] = 0.0
-    heading = made.p[HEADING, HEADING]
-    made.p[np.ix_(rows, rows)] = scale[:, None] * covariance * scale
-    made.p[HEADING, HEADING] = heading
-    return made
+    heading = result.p[HEADING, HEADING]
+    result.p[np.ix_(rows, rows)] = scale[:, None] * covariance * scale
+    result.p[HEADING, HEADING] = heading
+    return result
 
 
-def covariance_of(made: ErrorFilter) -> Array:
+def covariance_of(error_filter: ErrorFilter) -> Array:
     """Mean squares of a solution's errors, heading as an angle, shape (n, n).
 
     n is SOLUTION_SIZE and the number of the further errors of the IMU that are in use.
     """
-    rows = made.model.solution_rows
-    covariance: Array = made.p[np.ix_(rows, rows)] + np.outer(made.x[rows], made.x[rows])
-    covariance[HEADING, HEADING] = max(covariance[HEADING, HEADING], made.heading_stddev**2)
+    rows = error_filter.model.solution_rows
+    x = error_filter.x[rows]
+    covariance: Array = error_filter.p[np.ix_(rows, rows)] + np.outer(x, x)
+    covariance[HEADING, HEADING] = max(covariance[HEADING, HEADING], error_filter.heading_stddev**2)
     return covariance
 
 
-class _Kept(NamedTuple):
+class _Epoch(NamedTuple):
     stamp_ns: int
     state: NavState
     x: Array
@@ -124,7 +125,7 @@ class _Kept(NamedTuple):
 
 
 class CovariancePropagation:
-    """The covariance.
+    """Covariance of the real-time solution.
 
     Parameters
     ----------
@@ -133,7 +134,7 @@ class CovariancePropagation:
     Attributes
     ----------
     count : int
-        How often the covariance has changed.
+        Number of changes of the covariance.
     """
 
     def __init__(self, configuration: Configuration) -> None:
@@ -143,7 +144,7 @@ class CovariancePropagation:
         self.restart()
 
     def restart(self) -> None:
-        """Nothing is known but the parameters."""
+        """Reset to the priors that the parameters give."""
         self._filter: ErrorFilter | None = None
         self._model = error_model(self._configuration, (0.0, 0.0))
         size = len(self._model.solution_rows)
@@ -152,10 +153,10 @@ class CovariancePropagation:
         self.clear()
 
     def clear(self) -> None:
-        """There is no solution any more; what is known of biases stays."""
+        """Drop the solution; the covariance of the biases remains."""
         self._idle[BIASES, BIASES] = self.covariance[BIASES, BIASES]
         self._filter = None
-        self._kept: deque[_Kept] = deque()
+        self._epochs: deque[_Epoch] = deque()
         self._stamp_ns = self._due_ns = 0
         self._state: NavState = NavState(*(0.0,) * 12)
         self.count += 1
@@ -186,7 +187,7 @@ class CovariancePropagation:
         self._keep(stamp_ns, state)
 
     def advance(self, stamp_ns: int, state: NavState) -> None:
-        """The solution has gone on, without a correction."""
+        """Propagate to the newest state, which no correction has changed."""
         if stamp_ns < self._due_ns:
             return
         self._due_ns = stamp_ns + _STEP_NS
@@ -194,12 +195,12 @@ class CovariancePropagation:
             self._propagate(stamp_ns, state)
 
     def rewind(self, stamp_ns: int, state: NavState) -> None:
-        """Go back to a state of the past, as it was before the correction that is to come."""
+        """Return to a past state and its covariance, before `replace`."""
         assert self._filter is not None
-        kept = self._kept
-        while len(kept) > 1 and kept[-1].stamp_ns > stamp_ns:
-            kept.pop()
-        self._stamp_ns, self._state, self._filter.x, self._filter.p = kept[-1]
+        epochs = self._epochs
+        while len(epochs) > 1 and epochs[-1].stamp_ns > stamp_ns:
+            epochs.pop()
+        self._stamp_ns, self._state, self._filter.x, self._filter.p = epochs[-1]
         if stamp_ns > self._stamp_ns:
             self._propagate(stamp_ns, state)
 
@@ -208,10 +209,10 @@ class CovariancePropagation:
         self._filter = filter_of(self._model, covariance)
 
     def catch_up(self, state: NavState, history: ReplayBuffer) -> None:
-        """Go on from the corrected state to the newest, over the states that were run again."""
+        """Propagate from the corrected state to the newest, over the re-integrated states."""
         stamp_ns = self._stamp_ns
-        if self._kept and self._kept[-1].stamp_ns == stamp_ns:
-            self._kept.pop()
+        if self._epochs and self._epochs[-1].stamp_ns == stamp_ns:
+            self._epochs.pop()
         self._keep(stamp_ns, state)
         entry = None
         for entry in history.between(stamp_ns, _NEVER_NS):
@@ -226,10 +227,10 @@ class CovariancePropagation:
 
     def _keep(self, stamp_ns: int, state: NavState) -> None:
         assert self._filter is not None
-        kept = self._kept
-        kept.append(_Kept(stamp_ns, state, self._filter.x, self._filter.p))
-        while len(kept) > 1 and kept[1].stamp_ns < stamp_ns - LENGTH_NS:
-            kept.popleft()
+        epochs = self._epochs
+        epochs.append(_Epoch(stamp_ns, state, self._filter.x, self._filter.p))
+        while len(epochs) > 1 and epochs[1].stamp_ns < stamp_ns - LENGTH_NS:
+            epochs.popleft()
         self._stamp_ns, self._state = stamp_ns, state
         self._due_ns = stamp_ns + _STEP_NS
         self.count += 1

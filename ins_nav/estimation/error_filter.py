@@ -271,11 +271,11 @@ class ErrorFilter:
                 self._tracks = self._tracks | {aid: track}
                 reason = "repeats rejected measurements" if ratio <= 1.0 else "outside the gate"
                 return Update(aid, stamp_ns, tuple(residual.tolist()), sigma, ratio, False, reason, factor)
-            reason = f"after {len(track.rejected)} rejected that agree"
+            reason = f"after {len(track.rejected)} consistent rejected ones"
             ph = self.p @ h.T
             inverse = np.linalg.inv(h @ ph + r)
         else:
-            track = track.judged(plain, len(residual))
+            track = track.with_square(plain, len(residual))
         self._correct(ph @ inverse, h, r, residual)
         track = track.accepting(stamp_ns, float((h @ self.p @ h.T).trace()))
         self._tracks = self._tracks | {aid: track}

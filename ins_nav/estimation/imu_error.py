@@ -114,7 +114,7 @@ class ImuErrors:
         """Of each state: matrix from a reading to its change by a unit of the state."""
 
     def columns(self, reading: Array) -> Array:
-        """What a unit of each state adds to a reading, both on the body's axes, shape (6, size)."""
+        """Change of a reading by a unit of each state, both on the body's axes, shape (6, size)."""
         if not self._errors:
             return np.zeros((READING, 0))
         on_imu = self._to_body.T @ reading

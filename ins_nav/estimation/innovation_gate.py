@@ -24,7 +24,7 @@ AGREEING = 8
 
 _GROWN = 5.0
 """Growth of the sigma of the measured states after which a consistent series overrides the gate without time-out."""
-_JUDGED = 15, 41
+_SQUARES = 15, 41
 """Least and greatest number of measurements for the estimate of an aid's noise."""
 _FAR = 4.0
 """A greater test ratio is a jump, not a filter that diverges: twice the width of the gate."""
@@ -46,7 +46,7 @@ class Track(NamedTuple):
     Attributes
     ----------
     accepted_ns : int or None
-        Stamp of the last accepted measurement; None: there was none.
+        Stamp of the last accepted measurement; None before the first.
     rejected : tuple of (stamp, innovation)
         The last few rejected ones since.
     variance : float
@@ -65,14 +65,14 @@ class Track(NamedTuple):
 
     def noise_factor(self, size: int) -> float:
         """Estimated variance of an aid's noise over the given one; 1 where the excess may be chance."""
-        if len(self.squares) < _JUDGED[0]:
+        if len(self.squares) < _SQUARES[0]:
             return 1.0
         ratio = sorted(self.squares)[len(self.squares) // 2]
         return ratio if ratio > 1.0 + _EXCESS * _median_stddev(size, len(self.squares)) else 1.0
 
-    def judged(self, square: float, size: int) -> "Track":
+    def with_square(self, square: float, size: int) -> "Track":
         """With the normalized square of one more innovation of that size."""
-        return self._replace(squares=(*self.squares, square / median(size))[-_JUDGED[1] :])
+        return self._replace(squares=(*self.squares, square / median(size))[-_SQUARES[1] :])
 
     def rejecting(self, stamp_ns: int, innovation: Array, ratio: float) -> "Track":
         """With one more rejected measurement and its test ratio."""

@@ -59,7 +59,7 @@ class NavigationSystem:
 
     def __init__(self, overrides: Mapping[str, object] | None = None, aided: bool = True) -> None:
         self.events = EventLog()
-        known, kept, last = state_file.take_up(configuration(overrides), self.events, calibration_names())
+        known, kept, last = state_file.read_state(configuration(overrides), self.events, calibration_names())
         for warning in known.warnings:
             self.events.report(WARN, warning)
         self.configuration = known
@@ -247,7 +247,7 @@ class FilterSystem:
 
     def __init__(self, overrides: Mapping[str, object] | None = None) -> None:
         self.events = EventLog()
-        known, _, last = state_file.take_up(configuration(overrides), self.events, calibration_names())
+        known, _, last = state_file.read_state(configuration(overrides), self.events, calibration_names())
         for warning in known.warnings:
             self.events.report(WARN, warning)
         self.configuration = known

@@ -155,7 +155,7 @@ class BagReader:
     start_ns, end_ns : int
         Stamps of the first and the last message, ns.
     damage : str
-        What is known to be wrong with the recording so far; empty when it is sound.
+        Damage of the recording found so far; empty when it is sound.
 
     Raises
     ------
@@ -207,7 +207,7 @@ class BagReader:
         return self._messages(wanted, start_ns)
 
     def deserialize(self, raw: RawMessage) -> Any:
-        """The message decoded, by the bag's own definition of its type when it has one."""
+        """The message decoded, by the bag's definition of its type when it has one."""
         try:
             return self._store(raw.msgtype).deserialize_cdr(raw.data, raw.msgtype)
         except Exception as error:  # rosbags passes on any error that invalid bytes cause
@@ -377,13 +377,13 @@ def _is_latched(connection: Connection) -> bool:
 class BagWriter:
     """A new rosbag2 folder with mcap storage and message definitions; a context manager.
 
-    What was written stays readable, also when the block is left by an exception. SIGINT, SIGTERM and SIGHUP wait within
-    the block until a message is complete, and raise there (`Interrupted` where nothing else handles them).
+    Written messages stay readable, also when an exception ends the block. SIGINT, SIGTERM and SIGHUP wait within the
+    block until a message is complete, and raise there (`Interrupted` where nothing else handles them).
 
     Raises
     ------
     BagError
-        On entering: if the path exists and overwrite is false, or is something else than a bag.
+        On entering: if the path exists and overwrite is false, or the path is no bag.
     """
 
     def __init__(self, path: str | Path, overwrite: bool = False) -> None:

@@ -48,7 +48,7 @@ class RecoveredMcap:
     Attributes
     ----------
     damage : str
-        What is wrong with the file; empty when it was sound to its end.
+        Damage of the file; empty when it was sound to its end.
 
     Raises
     ------
@@ -113,7 +113,7 @@ class RecoveredMcap:
                 if opcode == _DATA_END:
                     return
                 if end <= size or opcode == _CHUNK:
-                    self._take_in(opcode, begin, end)
+                    self._register(opcode, begin, end)
                 place = end
             if place >= size or size - place < _RECORD.size:
                 self._note(f"cut off at byte {size}")
@@ -133,10 +133,10 @@ class RecoveredMcap:
                 if opcode == _CHUNK_INDEX:
                     offsets.append(struct.unpack_from("<QQQ", self._map, begin)[2])
                 elif opcode in (_SCHEMA, _CHANNEL):
-                    self._take_in(opcode, begin, end)
+                    self._register(opcode, begin, end)
         return offsets
 
-    def _take_in(self, opcode: int, begin: int, end: int) -> None:
+    def _register(self, opcode: int, begin: int, end: int) -> None:
         try:
             if opcode in (_MESSAGE, _CHUNK):
                 self._add_segment(opcode, begin, end)

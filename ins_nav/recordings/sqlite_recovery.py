@@ -24,7 +24,7 @@ class RecoveredSqlite:
     Attributes
     ----------
     damage : str
-        What is wrong with the file; empty when every row was found.
+        Damage of the file; empty when every row was found.
 
     Raises
     ------

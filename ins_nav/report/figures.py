@@ -36,7 +36,7 @@ def figure(results: Sequence[Track], reference: Track | None = None, comparisons
     Parameters
     ----------
     results : sequence of Track
-        One at least, each in a colour of its own.
+        One at least, each in another colour.
     reference : Track, optional
     comparisons : sequence of Comparison
         Of each result with the reference, when there is one.
@@ -66,7 +66,7 @@ def figure(results: Sequence[Track], reference: Track | None = None, comparisons
     legend.append(Line2D([], [], color="black", marker="o", markerfacecolor="white", linestyle="", label="start"))
     legend.append(Line2D([], [], color="black", marker="s", linestyle="", label="end"))
     if any(np.isfinite(e.stddev).any() for c in comparisons for e in (c.position, c.attitude) if e is not None):
-        legend.append(Patch(**_band("black"), label=f"±{_SIGMAS:g} sigma as the result gives it"))
+        legend.append(Patch(**_band("black"), label=f"±{_SIGMAS:g} sigma of the result"))
     top = fig.add_subplot(grid[0, :])
     top.axis("off")
     top.legend(handles=legend, loc="center left", ncols=len(legend), frameon=False, borderpad=0.0)

@@ -82,7 +82,7 @@ class Attitudes:
     def stddev(self) -> Array:
         """Of roll, pitch and heading, (n, 3), rad, from the covariance of small turns about east, north, up.
 
-        NaN where not given, or nothing but rounding, as that of a heading given by hand.
+        NaN where not given, or rounding only, as that of a heading given as a parameter.
         """
         yaw, pitch, _ = self.rotations.as_euler("ZYX").T
         c, s, zero, one = np.cos(yaw), np.sin(yaw), np.zeros_like(yaw), np.ones_like(yaw)
@@ -213,7 +213,7 @@ def _find_reference(bag: BagReader, topic: str | None) -> str | None:
 def read_reference(path: Path, topic: str | None = None) -> Track | None:
     """The reference in a bag; None without one.
 
-    A reference is a NavSatFix topic and what stands beside it under the same prefix, as far as there is any:
+    A reference is a NavSatFix topic and, where present, other topics under the same prefix:
     ``imu`` or ``imu/data`` for orientation, ``velocity`` (east, north, up) or ``odometry`` for velocity.
 
     Raises
@@ -274,7 +274,7 @@ def _twist_row(m: Any) -> Any:
 
 
 def _odometry_row(m: Any) -> Any:
-    """The same with a fourth value, which marks the body's axes."""
+    """A row with a fourth value, which marks the body's axes."""
     return (*_twist_row(m), 1.0)
 
 

@@ -12,7 +12,7 @@ from ins_nav.simulation.parameters import Parameter, Values
 from ins_nav.simulation.waves import SWELL, rocking_signals
 
 _START_TIME = 10.0
-"""Time in which it gathers way and the swell decays, s."""
+"""Time of the acceleration to cruise speed, in which the swell decays, s."""
 _BOX_LEG, _BOX_TURN = 25.0, 10.0
 """Sides and turns of the box at the surface, s."""
 _PITCH_TIME = 10.0
@@ -35,9 +35,9 @@ AUV_DIVE: dict[str, Any] = {
     "surface_swell": Parameter(0.3, "", "share of the swell under way at the surface", 0.0, 1.0),
     "depth": Parameter(50.0, "m", "depth of the dive", 1.0, 11_000.0),
     "glide_angle_deg": Parameter(12.0, "deg", "pitch while it dives and surfaces", 1.0, 45.0),
-    "dive_time": Parameter(3600.0, "s", "from the beginning of the dive to the surface again", 1.0),
-    "leg_length": Parameter(300.0, "m", "of the parallel legs", 1.0),
-    "leg_spacing": Parameter(30.0, "m", "from leg to leg, turns alternately to the left and to the right", 1.0),
+    "dive_time": Parameter(3600.0, "s", "time from the beginning of the dive to the surface", 1.0),
+    "leg_length": Parameter(300.0, "m", "length of the parallel legs", 1.0),
+    "leg_spacing": Parameter(30.0, "m", "distance between legs; turns alternate between left and right", 1.0),
     "surface_time": Parameter(120.0, "s", "time at the surface after the dive", 0.0),
     "gnss.lever_arm": (0.0, 0.0, 0.5),
     "gnss.lost_depth": 0.3,
@@ -64,8 +64,8 @@ def auv_dive(p: Values) -> Motion:
     """The motion: along the bow all the time, apart from the swell."""
     if abs(p["height"] - p["depth.surface_height"]) > _DRAUGHT:
         raise InsNavError(
-            f"height {p['height']:g} m is not that of the water, depth.surface_height {p['depth.surface_height']:g} m; "
-            "give both"
+            f"height {p['height']:g} m differs from the height of the water, "
+            f"depth.surface_height {p['depth.surface_height']:g} m; give both"
         )
     speed, aligned = p["speed"], p["alignment_time"]
     heading = attitude.heading_from_yaw(math.radians(p["heading_deg"]))  # as yaw

@@ -1,4 +1,4 @@
-"""Building blocks of a carrier's motion: signals with exact derivatives, and the motion made of them.
+"""Building blocks of a carrier's motion: signals with exact derivatives, and the motion composed of them.
 
 Motion is described on a plane: x and y, m, are horizontal, z is up, yaw is counter-clockwise from x. At the
 origin of the plane x is east and y north; `ins_nav.simulation.trajectory` lays the plane on the ellipsoid.

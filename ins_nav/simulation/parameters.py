@@ -18,7 +18,7 @@ Values = Mapping[str, Any]
 class Parameter:
     """A parameter; its type is that of the default (a number, several numbers, text).
 
-    Several are as many as the default has; any number of them where ``many`` is set.
+    Several numbers are as many as in the default; any number of them where ``many`` is set.
     """
 
     default: Any

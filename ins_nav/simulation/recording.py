@@ -26,7 +26,7 @@ Topic = tuple[str, str, int, Messages]
 def write_bag(simulation: Simulation, path: str | Path, overwrite: bool = False, progress: bool = False) -> int:
     """Write a recording of the simulation.
 
-    Topics: /imu/data_raw, and those of the aids that measured anything (`ins_nav.aiding.base.Aid.simulate`). The truth:
+    Topics: /imu/data_raw, and those of the aids with readings (`ins_nav.aiding.base.Aid.simulate`). The truth:
     /truth/odometry (body in map, the tangent plane east-north-up at the simulation's origin; twist relative to Earth,
     on body axes), /truth/imu (body to local east-north-up, true angular rate in inertial space and specific force) and
     /truth/fix with the stamps of samples; further topics below /truth are those of aids.
@@ -34,11 +34,11 @@ def write_bag(simulation: Simulation, path: str | Path, overwrite: bool = False,
     Parameters
     ----------
     simulation : Simulation
-        What to write.
+        Data to write.
     path : str or Path
         Folder of the bag.
     overwrite : bool
-        Replace a bag that is there.
+        Replace an existing bag.
     progress : bool
         Show a bar on stderr, when that is a terminal.
 
@@ -85,7 +85,7 @@ def _named(topic: str, msgtype: str, stream: Messages) -> Iterator[tuple[str, st
 
 
 def _aids(aids: Mapping[str, Readings]) -> Iterator[Topic]:
-    """Topics of the aids that measured anything."""
+    """Topics of the aids with readings."""
     for topic, readings in aids.items():
         if len(readings.stamps_ns):
             yield f"/{topic}", readings.message_type, len(readings.stamps_ns), readings.messages(message)

@@ -5,8 +5,8 @@ A scenario is a function from its parameters' values to a motion, decorated with
     @scenario("Stands still.", {"roll_deg": Parameter(0.0, "deg", "roll"), "duration": 60.0})
     def static(p: Values) -> Motion: ...
 
-A `Parameter` is one of the scenario's own, a bare value another default of a shared one; a sensor error given so
-stands above the preset's.
+A `Parameter` is one of this scenario only; a bare value is another default of a shared parameter, and of a sensor's
+error it has priority over the preset.
 
 References
 ----------
@@ -223,7 +223,7 @@ def swell_alignment(p: Values) -> Motion:
 
 
 @scenario(
-    "The same with a turn: two positions, which show the gyros' biases and the heading together.",
+    "The same with a turn: two positions make gyro biases and heading observable together.",
     _SWELL
     | {
         "turn_start": Parameter(150.0, "s", "when the turn begins", 0.0),
@@ -337,7 +337,7 @@ _PAPER: dict[str, Any] = {
     "imu.gyro_bias_deg_per_hour": replace(
         SHARED["imu.gyro_bias_deg_per_hour"],
         default=(-_DRIFT, -_DRIFT, _DRIFT),
-        text="drifts, 1e-7 rad/s; those a preset draws are added",
+        text="drifts, 1e-7 rad/s; drifts by a preset are added",
     ),
 }
 """Of the numerical example of [1]_."""
@@ -377,7 +377,7 @@ _UNTILT_TIME = 10.0
         "turn_time": Parameter(20.0, "s", "duration of the turn", 0.1),
         "turn_radius": Parameter(5.0, "m", "radius of the turn, 0 for on the spot", 0.0),
         "drive_time": Parameter(
-            0.0, "s", f"how long it drives straight on then, up to {_SHORT_DRIVE_SPEED:g} m/s", 0.0
+            0.0, "s", f"time of driving straight on after that, up to {_SHORT_DRIVE_SPEED:g} m/s", 0.0
         ),
         "second_stop": Parameter(200.0, "s", "time of standing in the second position", 0.0),
         "tilt_deg": Parameter(0.0, "deg", "pitch in the second position, bow down positive", -85.0, 85.0),

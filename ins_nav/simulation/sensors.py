@@ -1,7 +1,7 @@
 """Errors of inertial sensors by their datasheet.
 
-Every error source draws from a stream of its own, named after it: switching one off, or changing its size, leaves
-the others' draws as they were. What is drawn depends on the seed alone.
+Every error source draws from a separate stream, named after it: switching one off, or changing its size, does not
+change the draws of the others. All draws depend on the seed alone.
 """
 
 import math
@@ -59,7 +59,7 @@ class TriadErrors:
     def measure(self, true: Array, dt: float, seed: int, name: str) -> tuple[Array, Triple]:
         """Output of the sensors.
 
-        The increments' accumulated sum is what is quantized, so that nothing is lost in the long run.
+        The accumulated sum of the increments is quantized, so that quantization errors do not accumulate.
 
         Parameters
         ----------

@@ -1,7 +1,7 @@
 """A motion laid on the rotating ellipsoid: true position, velocity and attitude, and readings of ideal sensors.
 
-Everything is in closed form, from the motion's own derivatives; nothing is integrated but the sensors' output
-over a sampling interval. So a trajectory is an oracle for the mechanization, independent of it.
+Everything is in closed form, from derivatives of the motion; only the sensors' output over a sampling interval is
+integrated. A trajectory is therefore an oracle for the mechanization, independent of it.
 
 The plane of `ins_nav.simulation.motion` is wrapped on a graticule whose equator goes through the origin to the
 east: ``phi = y / (R_M + h)`` and ``lam = x / (R_N + h)`` are the latitude and longitude on it of the geodetic
@@ -219,7 +219,7 @@ class _Point:
 
 
 def _to_body(sin: Array, cos: Array, v: Array) -> Array:
-    """Vectors v taken from the axes of g to the body, by sines and cosines of yaw, pitch, roll."""
+    """Vectors v turned from the axes of g to the body, by sines and cosines of yaw, pitch, roll."""
     x, y, z = v
     x, y = cos[0] * x + sin[0] * y, cos[0] * y - sin[0] * x
     x, z = cos[1] * x - sin[1] * z, cos[1] * z + sin[1] * x

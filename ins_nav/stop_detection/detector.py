@@ -61,7 +61,7 @@ _START_SPEED = 0.05
 _REST_SPEED = 0.01
 """m/s: sway of a base that passes the first test (0.02 m/s² at 1 Hz is a third of it)."""
 _LOOK_BACK = 3.0
-"""s before the still time that belong to this search."""
+"""s before the still time that this search includes."""
 _SWAY = 0.15
 """Of max_speed: a base that sways from the first sample on stands when its velocity over 10 s deviates by less, RMS,
 from the parabola that tilt and gyro biases cause."""
@@ -118,10 +118,10 @@ class Change(NamedTuple):
     stamp_ns : int
         Estimated time of beginning or end, before the decision.
     decided_ns : int
-        Stamp of the sample at which the decision fell.
+        Stamp of the sample of the decision.
     speed_stddev : float
-        Of the speed that the detector had reckoned until a stop began, m/s: large where it did not observe the
-        braking, as after a gap.
+        Of the dead reckoned speed at the beginning of a stop, m/s: large where the braking was not observed, as
+        after a gap.
     """
 
     stopped: bool
@@ -204,7 +204,7 @@ class StopDetector:
         return self._reckoning.speed_stddev
 
     def add(self, stamp_ns: int, sample: Sample) -> Change | None:
-        """Add one sample of an `ins_nav.mechanization.imu_stream.ImuStream`; what begins or ends with it.
+        """Add one sample of an `ins_nav.mechanization.imu_stream.ImuStream`; return what begins or ends with it.
 
         Parameters
         ----------

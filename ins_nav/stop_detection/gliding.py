@@ -6,7 +6,7 @@ from collections import deque
 import numpy as np
 
 _GLIDES_KEPT = 100
-"""Velocities of even gliding that are kept, one every 4 s."""
+"""Number of stored velocities of even gliding, one every 4 s."""
 _GLIDE_SPREAD = 0.3
 """Standard deviation of the next glide's velocity, of these velocities."""
 _SLOWER = 0.1

@@ -1,4 +1,4 @@
-"""Samples summed over blocks of 0.1 s: all that the stop detector has of a single sample."""
+"""Samples summed over blocks of 0.1 s: the stop detector uses single samples in them only."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ EMPTY: Sums = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 def add_sample(sums: Sums, sample: Sample) -> Sums:
-    """The sums with a sample more.
+    """The sums with one more sample.
 
     Specific force is turned back to the body at the block's start, to first order: a block turns by some hundredths of
     a radian.
@@ -45,7 +45,7 @@ def add_sample(sums: Sums, sample: Sample) -> Sums:
 
 
 def is_gap(h: float) -> bool:
-    """Whether an interval, s, is none that can be summed."""
+    """Whether an interval, s, is too long to be summed."""
     return not 0.0 < h <= LONGEST_GAP
 
 

@@ -16,7 +16,7 @@ _LEAST_ON_LINE = 5
 _ROUNDING = 1e-8
 """rad: less is no turn."""
 _ATTITUDES = 1800
-"""Blocks kept, 3 min."""
+"""Stored blocks, 3 min."""
 _LINE = 600
 """Blocks over which the drift of an angle is a line."""
 _TURN = math.radians(5.0)

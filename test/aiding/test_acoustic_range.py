@@ -1,4 +1,4 @@
-"""Ranges to beacons: moored and floating, one way and two ways, and where position is hardly known."""
+"""Ranges to beacons: moored and floating, one way and two ways, with a large sigma of position."""
 
 import math
 
@@ -41,7 +41,7 @@ def test_range_to_a_moored_beacon() -> None:
     np.testing.assert_allclose(seen.r, [[1.0]])
 
 
-def test_range_is_worth_less_where_the_place_is_hardly_known() -> None:
+def test_uncertain_position_increases_the_variance_of_a_range() -> None:
     """To second order, against draws of the position across the direction."""
     found = aids_of(_moored())["range/a"]
     p = np.diag([10.0, 15.0, 5.0]) ** 2
@@ -62,7 +62,7 @@ def test_range_is_worth_less_where_the_place_is_hardly_known() -> None:
 
 
 def test_range_to_a_beacon_that_floats() -> None:
-    """It is where its sound left it: 1500 m take a second, in which it goes 2 m."""
+    """The range is to the place of the emission: over 1500 m sound travels for 1 s, the beacon moves by 2 m."""
     found = aids_of({"range.beacons": "ship", "range.beacon_speed": 2.0})
     ranges, fixes = found["range/ship"], found["beacon/ship/fix"]
     assert ranges.shares == "beacon/ship/fix"
@@ -80,7 +80,7 @@ def test_range_to_a_beacon_that_floats() -> None:
     arrived = observed("range/ship", 1480.0, covariance=np.eye(1) * 0.25)
     seen = ranges.measure(SOLUTION, own_of(*own), arrived)
     assert seen is not None and seen.own is not None and seen.shares == ("beacon/ship/fix",)
-    # the chord is shorter by 4 mm; velocity wanders within 30 s, so a second ago it was 1.6 % less
+    # the chord is shorter by 4 mm; velocity is correlated over 30 s, so a second ago its mean was 1.6 % less
     assert seen.innovation[0] == pytest.approx(1500.0 + 2.0 * 1480.0 / 1500.0 - 1480.0, abs=0.04)
     assert seen.r[0, 0] == pytest.approx(0.25)
     # against differences
@@ -92,7 +92,7 @@ def test_range_to_a_beacon_that_floats() -> None:
 
 
 def test_ranges_to_two_beacons_are_searched_together() -> None:
-    """Position wrong by 50 m: together they show a place, as a measurement with the states of both."""
+    """Position error 50 m: together they determine a place, as a measurement with the states of both."""
     place = {"range.b2.latitude_deg": 55.70108, "range.b2.longitude_deg": 37.6016, "range.b2.height": 60.0}
     aids = aids_of(_moored(**place, **{"range.bias_stddev": 1.0}))
     wrong = nav_state.corrected(STATE, (40.0, -30.0, 0.0))
@@ -129,7 +129,7 @@ def test_range_of_two_ways_is_of_the_middle_of_its_time() -> None:
         assert isinstance(found, AcousticRange) and found.observe(message).stamp_ns == stamp_ns
 
 
-def test_patience_of_a_range_ends_where_position_is_known() -> None:
+def test_ranges_never_override_a_known_position() -> None:
     found = aids_of({"range.beacons": "a"})["range/a"]
     assert found.patience(observed("range/a", 5.0), True, False) == 600.0
     assert found.patience(observed("range/a", 5.0), True, True) == 0.0

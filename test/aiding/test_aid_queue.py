@@ -76,7 +76,7 @@ def test_late_and_early_messages_are_rejected_and_counted() -> None:
     assert fed.events.counts["depth late"] == 1
 
 
-def test_unusable_messages_are_counted_and_heard() -> None:
+def test_unusable_messages_are_counted_and_end_silence() -> None:
     fed = Fed()
     assert not fed.add("fix", NOW, -1, 0.0, 0.0, 0.0)
     assert not fed.add("pressure", NOW, -5.0)
@@ -85,7 +85,7 @@ def test_unusable_messages_are_counted_and_heard() -> None:
 
 
 def test_an_aid_that_is_not_enabled_is_read_and_not_queued() -> None:
-    """Its place may still be needed for alignment."""
+    """Alignment may still need its place."""
     fed = Fed(gnss__enabled=False)
     assert fed.add("fix", NOW, *A_FIX)
     assert fed.stamps() == [] and fed.queue.heard == set()
@@ -101,7 +101,7 @@ def test_before_the_first_sample_only_the_latest_is_kept() -> None:
     fed.add("beacon", NOW - 2 * NS, *A_FIX, now_ns=0)
     fed.add("beacon", NOW - 9 * NS, *A_FIX, now_ns=0)
     assert fed.stamps() == []
-    fed.queue.restart()  # alignment begins again
+    fed.queue.restart()  # alignment restarts
     fed.queue.begin(NOW)
     assert fed.stamps() == [-2 * NS]
 
@@ -113,7 +113,7 @@ def test_a_late_fix_of_a_beacon_is_used(seconds: float, level: str) -> None:
     fed.add("beacon", NOW - round(seconds * NS), *A_FIX, settled_ns=NOW - 2 * NS)
     assert fed.stamps() == [-round(seconds * NS)]
     (report,) = fed.events.drain()
-    assert report.level == level and "used for where the beacon was then" in report.text
+    assert report.level == level and "used for the beacon's place at that time" in report.text
 
 
 def test_old_observations_are_dropped_while_there_is_no_filter() -> None:

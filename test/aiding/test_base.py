@@ -1,4 +1,4 @@
-"""What all aids share: parameters, covariance, own states, records."""
+"""Common parts of all aids: parameters, covariance, states, records."""
 
 import math
 
@@ -46,7 +46,7 @@ def test_every_aid_has_the_common_parameters() -> None:
             assert {name.replace("x.", f"{aid.NAME}.") for name in common} <= rows
 
 
-def test_own_states() -> None:
+def test_slow_states() -> None:
     found = aids_of({"gnss.slow_stddev": 2.0, "gnss.slow_time": 50.0, "log.scale_stddev": 0.03})
     drift = found["gnss"].states
     # first order: stationary deviation is walk * sqrt(time / 2)
@@ -94,12 +94,12 @@ def test_covariance_that_is_not_positive_keeps_its_diagonal() -> None:
     np.testing.assert_array_equal(GnssParameters().covariance(rows, 3), np.eye(3))
 
 
-def test_too_small_a_covariance_is_not_believed() -> None:
+def test_too_small_a_covariance_is_raised_to_the_least() -> None:
     used = GnssParameters(min_stddev=0.1).covariance(np.diag([1e-12, 1e-4, 1.0]).ravel().tolist(), 3)
     np.testing.assert_allclose(used.diagonal(), [0.01, 0.01, 1.0], rtol=1e-12)
 
 
-def test_axes_not_measured_leave_the_others_theirs() -> None:
+def test_axes_not_measured_do_not_change_the_others() -> None:
     rows = (0.04, NAN, 0.0, NAN, NAN, 0.0, 0.0, 0.0, -1.0)
     used = LogParameters(default_stddev=0.2).covariance(rows, 3, [1, 2])
     np.testing.assert_allclose(used, np.diag([0.04, 0.04, 0.04]))

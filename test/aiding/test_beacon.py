@@ -1,4 +1,4 @@
-"""A beacon that floats: followed by the filter, with a covariance that is true; one that is moored."""
+"""A floating beacon, tracked by the filter with a true covariance; a moored one."""
 
 import math
 
@@ -43,7 +43,7 @@ def _fix(
 
 
 def _place(kalman: ErrorFilter, beacon: Beacon, ago: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
-    """East, north of where it was, and the covariance of that."""
+    """East and north of its past place, and their covariance."""
     axes = earth.enu_axes(LAT, LON)[:, :2]
     # what was not fed back yet is still an error of the states in use
     own = kalman.own("ship") - kalman.x[-6:]
@@ -60,7 +60,7 @@ def test_moored() -> None:
     np.testing.assert_array_equal(beacon.at(np.zeros(0), 5.0), earth.geodetic_to_ecef(LAT, LON, -50.0))
 
 
-def test_nothing_is_known_before_the_first_fix_and_after_a_restart() -> None:
+def test_no_place_before_the_first_fix_and_after_a_restart() -> None:
     beacon = Beacon(None, 1.0)
     assert beacon.at(np.zeros(6), 0.0) is None
     _fix(_filter(beacon), beacon, 3.0, 4.0, 1.0)
@@ -69,8 +69,8 @@ def test_nothing_is_known_before_the_first_fix_and_after_a_restart() -> None:
     assert beacon.at(np.zeros(6), 0.0) is None
 
 
-def test_followed_round_a_circle_with_a_true_covariance() -> None:
-    """1 m/s round 50 m, fixes of 0.5 m each second; looked at half a second after each, and where it was then."""
+def test_track_round_a_circle_has_a_true_covariance() -> None:
+    """1 m/s round 50 m, fixes of 0.5 m each second; compared half a second after each, and in the past."""
     rng = np.random.default_rng(0)
     squares = []
     for _ in range(5):
@@ -106,8 +106,8 @@ def test_sigma_grows_with_time() -> None:
     assert sigmas == pytest.approx(least, rel=2e-3)
 
 
-def test_a_late_fix_tells_as_much_as_one_in_time() -> None:
-    """10 s late, of a beacon of which nothing else is known: the same as taken then and carried on."""
+def test_a_late_fix_has_the_information_of_one_in_time() -> None:
+    """10 s late, the only fix of a beacon: equal to an update in time and propagation since."""
     found = []
     for late in (False, True):
         beacon = Beacon(None, 2.0)
@@ -121,12 +121,12 @@ def test_a_late_fix_tells_as_much_as_one_in_time() -> None:
         place, covariance = _place(kalman, beacon)
         np.testing.assert_allclose(place, [7.0, -3.0], atol=1e-3)
         found.append(covariance)
-    # steps of 0.1 s against the integral; 10 km of what was not known at all
+    # steps of 0.1 s against the integral; the prior is 10 km
     np.testing.assert_allclose(found[1], found[0], rtol=5e-3, atol=1e-2)
 
 
 def test_late_fixes_among_ranges_have_a_true_covariance() -> None:
-    """20 s late once a second: what is not known of the way since is nearly the same for one and the next."""
+    """20 s late once a second: the error of the way since is nearly the same for successive fixes."""
     speed, tau, step, late = 1.0, 30.0, 0.25, 20.0
     squares = []
     for seed in range(3):

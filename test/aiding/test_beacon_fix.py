@@ -19,11 +19,11 @@ def test_a_beacon_that_never_moved_may_repeat_its_place() -> None:
         assert aid.read(FIX(k, 0, *HERE)).stamp_ns == k
 
 
-def test_the_same_place_of_a_beacon_that_has_moved_is_no_news() -> None:
+def test_a_repeated_place_of_a_moving_beacon_is_rejected() -> None:
     aid = aids_of({"range.beacons": "a"})["beacon/a/fix"]
     aid.read(FIX(0, 0, *HERE))
     aid.read(FIX(1, 0, *THERE))
-    with pytest.raises(Unusable, match="the last place under a new stamp") as caught:
+    with pytest.raises(Unusable, match="place repeated under a new stamp") as caught:
         aid.read(FIX(2, 0, *THERE))
     assert caught.value.kind == "repeated"
     assert aid.read(FIX(3, 0, *HERE)).stamp_ns == 3
@@ -36,11 +36,11 @@ def test_a_place_needs_a_height() -> None:
 
 
 def test_how_late_a_fix_is_of_use() -> None:
-    """Where a beacon was is of use until its way since is hardly known."""
+    """A past place of a beacon is used until the sigma of its way since is large."""
     aid = aids_of({"range.beacons": "a", "range.beacon_speed": 5.0})["beacon/a/fix"]
     assert aid.late(1e4)[0]  # the first of all
     aid.measure(SOLUTION, own_of(*[0.0] * 6), aid.observe(FIX(0, 0, *HERE)))
-    assert aid.late(20.0) == (True, "info", "used for where the beacon was then")
+    assert aid.late(20.0) == (True, "info", "used for the beacon's place at that time")
     assert aid.late(60.0)[:2] == (True, "warn")
     assert aid.late(1e4) == (False, "warn", "rejected: check its clock")
     aid.restart()

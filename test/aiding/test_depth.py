@@ -1,4 +1,4 @@
-"""Depth: from a surface that is given, and from one that is not."""
+"""Depth: with the surface's height given and not given."""
 
 import numpy as np
 from aid_harness import ARM, SOLUTION, aids_of, at, flight, observed, of, own_of
@@ -17,8 +17,8 @@ def test_depth_counts_from_the_surface() -> None:
     np.testing.assert_allclose(seen.r, [[0.04]])
 
 
-def test_depth_finds_the_surface_that_is_not_given() -> None:
-    """The first depth says where it is; a value of the filter's own state moves it."""
+def test_depth_estimates_the_surface_that_is_not_given() -> None:
+    """The first depth defines its height; the filter's state corrects it."""
     found = aids_of()["depth"]
     seen = found.measure(SOLUTION, own_of(0.0), observed("depth", 11.0, covariance=np.eye(1)))
     assert seen is not None and seen.own is not None

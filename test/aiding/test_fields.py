@@ -32,7 +32,7 @@ def test_no_place_is_refused(place: tuple[float, float, float]) -> None:
     assert (caught.value.kind, caught.value.level) == ("invalid", "warn")
 
 
-def test_no_fix_is_told_from_an_invalid_one() -> None:
+def test_no_fix_differs_from_an_invalid_one() -> None:
     with pytest.raises(Unusable, match="no fix") as caught:
         read_fix(FIX(7, -1, 91.0, 0.0, 0.0))
     assert (caught.value.kind, caught.value.level) == ("no fix", "info")

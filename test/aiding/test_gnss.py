@@ -43,7 +43,7 @@ def test_fix_at_the_antenna_has_no_innovation() -> None:
     assert seen is not None and np.abs(seen.innovation).max() < 1e-6  # the Earth is round: 2 m squared over its radius
 
 
-def test_slow_error_of_a_fix_is_taken_out() -> None:
+def test_slow_error_of_a_fix_is_removed() -> None:
     found = aids_of({"gnss.slow_stddev": 2.0})["gnss"]
     where = nav_state.geodetic(STATE)
     seen = found.measure(SOLUTION, own_of(1.0, -2.0, 3.0), observed("gnss", where.lat, where.lon, where.height))
@@ -62,7 +62,7 @@ def test_truth_has_no_innovation() -> None:
 
 
 def test_covariance_is_turned_to_n() -> None:
-    """East is uncertain by 1 m, north by 2 m; n is 0.4 rad off."""
+    """Sigma 1 m east, 2 m north; n is turned by 0.4 rad."""
     measurement = of(a_gnss(ARM), LAT, LON, 31.0)(Solution(state_at(), ZERO, ZERO, True, 0.0), np.zeros(0))
     assert measurement is not None
     turn = Rotation.from_rotvec([0.0, 0.0, 0.4]).as_matrix()  # n to east-north-up
@@ -91,5 +91,5 @@ def test_place_to_align_at() -> None:
     aid = a_gnss(ARM)
     place = aid.place(aid.observe(aid_messages.FIX(0, 0, 60.0, 30.0, math.nan, (1.0, 0, 0, 0, 4.0, 0, 0, 0, 9.0))))
     assert place.lat == math.radians(60.0) and math.isnan(place.height)
-    # height's variance is not looked at where it is not measured
+    # the variance of a height that is not measured is ignored
     assert place.stddev == (2.0, 2.0, 3.0) and place.lever_arm == ARM

@@ -20,12 +20,12 @@ def test_velocity_without_up() -> None:
     assert flat.r.shape == (2, 2) and flat.h.shape[0] == 2
 
 
-def test_velocity_that_is_no_travel_says_nothing_of_heading() -> None:
+def test_velocity_of_a_base_at_rest_does_not_observe_heading() -> None:
     solution = Solution(state_at(), ZERO, ZERO, False, 0.5)
     measurement = of(GnssVelocity(GnssVelocityParameters()), 4.0, 7.0, 0.3)(solution, np.zeros(0))
     assert measurement is not None
     assert (measurement.h[:2, [HEADING, COSINE]] == 0.0).all()
-    # what it may have said is noise: half of the velocity squared
+    # its possible effect is noise: half of the velocity squared
     grown = np.trace(measurement.r[:2, :2]) - 5.0
     assert grown == pytest.approx(2.0 * 0.5 * (6.0**2 + 5.0**2))
 

@@ -104,7 +104,7 @@ def _true_yaw(s: Simulation, stamp_ns: int) -> float:
 
 
 def _fed(parameters: dict[str, object], offset: float = 0.0, after: float = 0.0) -> tuple[Fed, Simulation]:
-    """Along a drive, its heading given wrong; readings at 1 Hz, off by so much from a time on, s."""
+    """Along a drive with a wrong initial heading; readings at 1 Hz, with an error from a time on, s."""
     s, rng = drive(), np.random.default_rng(4)
     fed = Fed(
         {
@@ -138,7 +138,7 @@ def test_an_unknown_heading_is_found(wrong_deg: float) -> None:
     given = math.remainder(given, 360.0)
     fed, s = _fed({"initial.heading_deg": given, "initial.heading_stddev_deg": 180.0})
     assert fed.aided.filter is not None
-    # a hundred readings of 2°, some of them rejected while it is not known
+    # a hundred readings of 2°, some of them rejected while heading is unknown
     assert fed.aided.filter.heading_stddev < math.radians(0.4)
     assert abs(_heading_error(fed, s)) < 3.0
     assert fed.aided.records["heading"].rejected <= 2
@@ -155,7 +155,7 @@ def test_a_heading_wrong_by_half_a_turn_is_rejected(monkeypatch: pytest.MonkeyPa
 
 
 def test_yaw_of_the_mounting_is_calibrated() -> None:
-    """By a heading that is known: 3° are found to the sigma that is claimed."""
+    """With a known heading: 3° are estimated within their sigma."""
     s = drive()
     given = math.degrees(heading_from_yaw(_true_yaw(s, int(s.stamps_ns[0]))))
     parameters: dict[str, object] = {"initial.heading_deg": given, "initial.heading_stddev_deg": 0.1}
@@ -166,8 +166,8 @@ def test_yaw_of_the_mounting_is_calibrated() -> None:
 
 
 @pytest.mark.parametrize("wrong_deg", [40.0, 100.0, 178.0])
-def test_a_heading_given_wrong_is_corrected_at_once(wrong_deg: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    """8 readings that agree, after patience: no part of the error is left with a small sigma."""
+def test_a_wrong_initial_heading_is_corrected_at_once(wrong_deg: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """8 consistent readings after the time-out: no part of the error remains with a small sigma."""
     monkeypatch.setattr(Heading, "PATIENCE", 5.0)
     s = drive()
     given = math.degrees(heading_from_yaw(_true_yaw(s, int(s.stamps_ns[0])))) + wrong_deg

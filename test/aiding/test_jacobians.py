@@ -81,7 +81,7 @@ def solution(state: NavState, gyro_bias: tuple[float, float, float] = ZERO, turn
 
 
 Case = tuple[Aid[Any], Observation, np.ndarray]
-"""An aid, what it measures, and values of its own and shared states."""
+"""An aid, its observation, and values of its states and of shared ones."""
 
 
 def cases(options: bool) -> dict[str, Case]:
@@ -140,7 +140,7 @@ def test_columns_of_the_solution(name: str, options: bool) -> None:
 
 @pytest.mark.parametrize("options", [False, True], ids=["defaults", "every option"])
 @pytest.mark.parametrize("name", list(cases(False)))
-def test_columns_of_own_and_shared_states(name: str, options: bool) -> None:
+def test_columns_of_aid_states_and_shared_ones(name: str, options: bool) -> None:
     aid, observation, values = cases(options)[name]
     measurement = measured(aid, solution(the_state()), values, observation)
     assert measurement.shares == ((aid.shares,) if aid.shares else ())

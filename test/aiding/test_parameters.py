@@ -26,7 +26,7 @@ def _place(beacon: str) -> dict[str, object]:
 @pytest.mark.parametrize(
     ("overrides", "text"),
     [
-        ({"range.beacons": "a, a"}, "a name is there twice"),
+        ({"range.beacons": "a, a"}, "a name occurs twice"),
         ({"range.beacons": "a b"}, "cannot be the name of a beacon"),
         ({"range.beacons": "gate"}, "cannot be the name of a beacon"),
         ({"range.a.height": 1.0}, "a is not in range.beacons"),

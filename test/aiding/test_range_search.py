@@ -18,7 +18,7 @@ EXACT = BeaconErrors(np.zeros((2, 2)), 0.0, ("a",), np.eye(3))
 
 
 class Found(NamedTuple):
-    """The result of a run: true less computed position, ranges that were needed."""
+    """The result of a run: true less computed position, number of ranges until it was found."""
 
     search: RangeSearch
     likelihood: Likelihood | None
@@ -48,7 +48,7 @@ class World:
     seed: int
     beacons: Sequence[tuple[float, float]] = ONE
     prior: float = 200.0
-    """Sigma of position at the start, m; it is wrong by that."""
+    """Sigma of position at the start, m, and its error."""
     turns: bool = True
     outliers: float = 0.0
     offset: float = 0.0
@@ -120,19 +120,19 @@ def test_two_beacons_need_no_turn() -> None:
 
 
 def test_a_straight_course_leaves_two_places() -> None:
-    """The mirror image suits as well: both stay, and nothing is claimed."""
+    """The mirror image fits as well: both remain, and there is no measurement."""
     two = 0
     for seed in range(20):
         found = World(seed, turns=False).run(120)
         near = np.hypot(*(found.search.means[:, :2] - found.error).T) < 60.0
         assert found.search.weights[near].sum() > 0.01  # the true one is there still
         two += found.likelihood is None
-        if found.likelihood is not None:  # where it was thought to be decides
+        if found.likelihood is not None:  # the computed position decides
             assert found.nees() < 20.0
     assert two >= 5
 
 
-def test_a_first_range_that_is_an_outlier_is_forgotten() -> None:
+def test_a_first_range_that_is_an_outlier_is_discarded() -> None:
     search = RangeSearch()
     for k in range(10):
         away = np.array([300.0, 5.0 * k, 0.0])
@@ -140,14 +140,14 @@ def test_a_first_range_that_is_an_outlier_is_forgotten() -> None:
     assert np.hypot(*search.means[:, :2].T).min() < 3.0
 
 
-def test_a_first_beacon_that_falls_silent_is_forgotten() -> None:
+def test_a_first_beacon_that_falls_silent_is_discarded() -> None:
     search = RangeSearch()
     for k in range(30):
         search.add("b" if k else "a", np.array([300.0, 5.0 * k, 0.0]), 300.0, 0.25, 1e4 * np.eye(2), EXACT)
     assert "a" not in search and "b" in search
 
 
-def test_corrections_are_followed() -> None:
+def test_corrections_shift_the_hypotheses() -> None:
     search = RangeSearch()
     search.add("a", np.array([300.0, 0.0, 0.0]), 300.0, 1.0, 1e4 * np.eye(2), EXACT)
     before = search.means.copy()

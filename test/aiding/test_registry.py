@@ -1,4 +1,4 @@
-"""The registry: what a file in the folder makes of itself."""
+"""The registry: every aid of a file in the folder."""
 
 import importlib
 import subprocess
@@ -68,6 +68,6 @@ def test_a_file_is_enough(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
         aid_classes.cache_clear()
 
 
-def test_the_registry_imports_aids_when_it_is_asked() -> None:
+def test_the_registry_imports_aids_at_the_first_call() -> None:
     code = "import sys, ins_nav.aiding.registry; sys.exit('ins_nav.aiding.gnss' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

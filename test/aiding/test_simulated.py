@@ -1,4 +1,4 @@
-"""What simulated readings share: instants, windows, outliers, turned vectors, random numbers by name."""
+"""Common parts of simulated readings: instants, windows, outliers, turned vectors, random numbers by name."""
 
 import math
 

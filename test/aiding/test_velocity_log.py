@@ -30,7 +30,7 @@ from ins_nav.mechanization import nav_state
 RPY = (0.1, -0.2, 0.7)
 
 
-def test_log_takes_the_axes_that_are_there() -> None:
+def test_log_uses_the_measured_axes() -> None:
     found = aids_of()["log"]
     forward, left, _ = nav_state.velocity_body(STATE)
     seen = found.measure(SOLUTION, own_of(0.0, 0.0, 0.0), observed("log", NAN, left - 0.25, NAN))
@@ -43,7 +43,7 @@ def test_log_takes_the_axes_that_are_there() -> None:
 
 
 def test_patience_of_a_log() -> None:
-    """Zeros are never accepted against the filter; of a log that was accepted before, only drifts are."""
+    """Zeros never override the gate; a log accepted before does so only where the filter diverges."""
     found = aids_of()["log"]
     for zeros in ((0.0, NAN, NAN), (0.0, 0.0, 0.0)):
         assert found.patience(observed("log", *zeros), False, False) == 0.0
@@ -65,7 +65,7 @@ def test_truth_has_no_innovation() -> None:
     np.testing.assert_allclose(measurement.innovation, 0.0, atol=1e-6)  # of the difference
 
 
-def test_axes_with_their_own_covariance() -> None:
+def test_axes_with_different_covariances() -> None:
     solution = Solution(state_at(), ZERO, ZERO, True, 0.0)
     rows = np.arange(9.0).reshape(3, 3)
     log = of(VelocityLog(LogParameters()), 1.0, math.nan, 2.0, covariance=rows)(solution, np.zeros(3))

@@ -84,7 +84,7 @@ def test_degrees_per_second_are_named() -> None:
 
 
 @pytest.mark.parametrize("inverted", [1.0, -1.0])
-def test_gyros_too_coarse_for_the_earth_rate_are_not_judged(inverted: float) -> None:
+def test_gyros_too_coarse_for_the_earth_rate_are_not_checked(inverted: float) -> None:
     """By their noise, by the sigma of their bias, and by a bias far over it."""
 
     def fault(rate: np.ndarray, force: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -96,7 +96,7 @@ def test_gyros_too_coarse_for_the_earth_rate_are_not_judged(inverted: float) -> 
     assert _fault(_blocks(attitude, 55.7, fault, bias=100.0 * PER_HOUR), 55.7) == ""
 
 
-def test_a_rocking_base_is_not_judged() -> None:
+def test_a_rocking_base_is_not_checked() -> None:
     blocks = _blocks((30.0, 2.0, -1.0), 55.7, lambda rate, force: (-rate, force), rocking=0.05)
     assert _fault(blocks, 55.7) == ""
 

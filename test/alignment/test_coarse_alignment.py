@@ -1,4 +1,4 @@
-"""Coarse alignment: errors against its own sigmas and the theoretical bound; motion; every reason to refuse."""
+"""Coarse alignment: errors against sigmas and the theoretical bound; motion; every reason to refuse."""
 
 import dataclasses
 import functools
@@ -23,7 +23,7 @@ DEGREES = np.r_[1.0, np.full(3, math.degrees(1.0)), np.ones(3)]
 def _fed(
     s: Simulation, duration: float | None = None, factors: np.ndarray | float = 1.0, **options: float
 ) -> CoarseAlignment:
-    """Alignment that got all the samples of a simulation."""
+    """Alignment with all the samples of a simulation."""
     alignment = CoarseAlignment(duration or float(s.trajectory.time[-1]), **options)
     intervals = np.full(len(s.stamps_ns), s.trajectory.interval)
     samples = (np.c_[intervals, s.angular_velocity, s.linear_acceleration] * factors).tolist()
@@ -74,7 +74,7 @@ def _bound(duration: float, lat: float) -> float:
 
 
 @pytest.mark.slow
-def test_errors_are_what_theory_allows_and_sigmas_tell_them() -> None:
+def test_errors_reach_the_theoretical_bound_and_sigmas_are_true() -> None:
     """Roll and pitch of 5°, 11 s, 120 s, white noise: of 600 runs, RMS 0.99 of the bound, 599 within 3 sigma."""
     s = _rocking(rate=100.0)
     bound = _bound(120.0, s.trajectory.lat[0])
@@ -86,7 +86,7 @@ def test_errors_are_what_theory_allows_and_sigmas_tell_them() -> None:
         errors.append(error[2] / result.heading_stddev)
         squares.append(error @ np.linalg.solve(result.covariance, error))
         # required: twice the bound. 0.96 to 1.03 of it measured; in 0.3 % of the runs, none of these, over 3, where the
-        # noise, which is estimated too, happens to contradict the sensors' own
+        # estimated noise happens to differ from that of the sensors
         assert 0.9 * bound < result.heading_stddev < 1.2 * bound
         # level: 0.0012° of noise; nothing is systematic
         assert np.abs(error[:2]).max() < 4.0 * math.sqrt(result.covariance[0, 0])
@@ -104,7 +104,7 @@ def test_surge_sway_and_heave(period: float) -> None:
     """Half a metre each way: accelerations up to 1.2 m/s², a million times the motion of gravity in a second."""
     s = _rocking(linear_period=period, duration=117.0, rate=100.0, **dict.fromkeys(SURGE_SWAY_HEAVE, 0.5))
     result, error = _solved(_noisy(s, 1))
-    # a sinusoid is told from the trend: 0.99 to 1.01 of the bound of a base that does not surge measured
+    # a sinusoid is separable from the trend: 0.99 to 1.01 of the bound of a base that does not surge measured
     assert abs(error[2]) < 3.0 * result.heading_stddev < 3.0 * 1.2 * _bound(117.0, s.trajectory.lat[0])
     assert np.abs(error[:2]).max() < 3.0 * math.sqrt(result.covariance[0, 0]) < math.radians(0.006)
     # at the end of the last sample, which is not the end of a block: 0.003 m/s measured of 0.2 to 1.0
@@ -114,7 +114,7 @@ def test_surge_sway_and_heave(period: float) -> None:
 
 @pytest.mark.parametrize(("duration", "period"), [(30.0, 15.0), (60.0, 20.0), (60.0, 12.0)])
 def test_sigmas_are_true_on_long_swell(duration: float, period: float) -> None:
-    """Two to five periods of a surge of up to 1 m; taken for white noise it makes errors of 4 to 11 sigmas."""
+    """Two to five periods of a surge of up to 1 m; modelled as white noise it would cause errors of 4 to 11 sigmas."""
     ratios = []
     for seed in range(8):
         rng = np.random.default_rng(seed)
@@ -135,7 +135,7 @@ def test_sigmas_are_true_on_long_swell(duration: float, period: float) -> None:
 
 @pytest.mark.parametrize("period", [4.0, 8.0, 15.0])
 def test_slow_surge_in_a_short_alignment(period: float) -> None:
-    """5 s of a slow surge look like a tilt of degrees: sigma must cover what is left, 0.04° to 0.2° here."""
+    """5 s of a slow surge look like a tilt of degrees: sigma must cover the remaining error, 0.04° to 0.2° here."""
     s = simulate("rocking", 0, duration=5.0, rate=100.0, linear_period=period, **dict.fromkeys(SURGE_SWAY_HEAVE, 0.5))
     result, error = _solved(s, heading=math.radians(30.0))
     assert np.abs(error[:2]).max() < 3.0 * math.sqrt(result.covariance[0, 0])
@@ -149,7 +149,7 @@ def test_velocity_is_on_the_axes_of_the_heading_given() -> None:
 
 
 def test_heave_alone_does_not_tilt_the_vertical() -> None:
-    """It acts along the vertical, which goes round gravity's cone: 7e-5 rad east of where it began, at the end."""
+    """It acts along the vertical, which describes gravity's cone: at the end 7e-5 rad east of its start."""
     s = _rocking(linear_period=12.0, duration=120.0, rate=50.0, heave_amplitude=1.0)
     result, error = _solved(s)
     assert np.abs(error[:2]).max() < 3e-7  # as at rest
@@ -159,7 +159,7 @@ def test_heave_alone_does_not_tilt_the_vertical() -> None:
 def _assert_exact(result: Alignment, error: np.ndarray, lat: float) -> None:
     # the plumb line is 1.1e-7 rad off the ellipsoid's normal at 150 m (8.08e-9 * 150 * sin 2 lat / g): left out
     assert np.abs(error[:2]).max() < 2e-7
-    # what is left is that and rounding; 7e-10 rad measured, 1 second of arc asked for
+    # the remaining error is that and rounding; 7e-10 rad measured, 1 second of arc is required
     assert abs(error[2]) < 5e-6
     assert result.gravity_ratio == pytest.approx(1.0, abs=1e-6)
     assert abs(result.rate_error) < 1e-9
@@ -192,7 +192,7 @@ def test_noiseless_rocking(sampling: str, rate: float) -> None:
     s = simulate("rocking", 0, duration=60.0, rate=rate, **PERFECT, **{"imu.sampling": sampling})
     result, error = _solved(s)
     assert np.abs(error[:2]).max() < 3e-7  # 1.2e-7 measured, as at rest
-    assert abs(error[2]) < 5e-6  # 1.5e-6 at 100 Hz: what two samples leave of coning
+    assert abs(error[2]) < 5e-6  # 1.5e-6 at 100 Hz: the coning error of two samples
     assert abs(error[2]) < 3.0 * result.heading_stddev
 
 
@@ -230,9 +230,9 @@ def test_covariance_counts_the_biases() -> None:
 
 
 @pytest.mark.parametrize("heading_deg", [20.0, 250.0])
-def test_joint_covariance_tells_what_biases_do(heading_deg: float) -> None:
+def test_joint_covariance_has_the_effect_of_biases(heading_deg: float) -> None:
     """The attitude's error of a unit with biases, while none are in use, is that expected given them."""
-    gyro, accel = math.radians(0.05) / 3600.0, 200e-6 * 9.80665  # its own sigmas
+    gyro, accel = math.radians(0.05) / 3600.0, 200e-6 * 9.80665  # of the unit's sigmas
     units = {"imu.gyro_bias_deg_per_hour": (0.05, -0.08, 0.06), "imu.accel_bias_ug": (200.0, 150.0, -250.0)}
     s = simulate("rocking", 0, duration=60.0, rate=100.0, heading_deg=heading_deg, **PERFECT, **units)
     result, error = _solved(s, gyro_bias_stddev=gyro, accel_bias_stddev=accel)
@@ -250,7 +250,7 @@ def test_joint_covariance_tells_what_biases_do(heading_deg: float) -> None:
 
 
 @pytest.mark.parametrize("heading_deg", [0.0, 90.0, 200.0])
-def test_biases_do_what_the_covariance_says(heading_deg: float) -> None:
+def test_effect_of_biases_is_that_of_the_covariance(heading_deg: float) -> None:
     biases = {"imu.gyro_bias_deg_per_hour": (0.02, 0.02, 0.0), "imu.accel_bias_ug": (300.0, 300.0, 0.0)}
     s = simulate("static", 0, duration=60.0, rate=50.0, lat_deg=70.0, heading_deg=heading_deg, **PERFECT, **biases)
     result, error = _solved(s)
@@ -302,7 +302,7 @@ def test_moving_off(stand_time: float) -> None:
     s = simulate("vehicle", 0, duration=60.0, stand_time=stand_time, rate=50.0)
     with pytest.raises(MovedError, match=r"moved off after .* stand still") as caught:
         _solved(s)
-    # 12 m/s within 10 s: told within 5 s, the next block that is complete
+    # 12 m/s within 10 s: detected within 5 s, the next block that is complete
     after = float(str(caught.value).split("after ")[1].split(" s")[0])
     assert stand_time < after < stand_time + 5.5
 
@@ -374,7 +374,7 @@ def test_short_data() -> None:
 
 
 def test_unknown_bias_widens_sigma() -> None:
-    """North gyro 1 deg/h off: gravity's rate shows it; the east gyro, which nothing shows, is likely as bad."""
+    """North gyro 1 deg/h off: the rate of gravity observes it; the east gyro, unobserved, is probably as bad."""
     s = _standing(heading_deg=0.0, **PERFECT, **{"imu.gyro_bias_deg_per_hour": (1.0, -1.0, 0.0)})
     result, error = _solved(s)
     assert math.degrees(result.rate_error) * 3600.0 == pytest.approx(1.0, abs=0.1)

@@ -33,7 +33,7 @@ def test_without_a_lever_arm_nothing_is_correlated() -> None:
 
 
 def test_a_lever_arm_turns_with_the_error_of_attitude() -> None:
-    """10 m to the east of the IMU and a heading error of 0.1 rad: the position is off by 1 m to the north."""
+    """10 m to the east of the IMU and a heading error of 0.1 rad: the position error is 1 m to the north."""
     arm = np.array([10.0, 0.0, 0.0])
     p = covariance(tuple(arm))
     assert p[1, 1] == pytest.approx(1.0 + 1.0)

@@ -47,7 +47,7 @@ def test_the_state_file_is_the_last_resort_and_reported() -> None:
     assert "state_file" in events.drain()[0].text
 
 
-def test_nothing_known_is_reported() -> None:
+def test_an_unknown_position_is_reported() -> None:
     events = EventLog()
     assert InitialPosition(NOT_GIVEN, None, events).found(0) is None
     assert "publish gnss/fix or set initial.latitude_deg" in events.drain()[0].text

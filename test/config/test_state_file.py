@@ -45,11 +45,11 @@ def test_nowhere_to_write(tmp_path: Path) -> None:
     [
         ("ros__parameters", "parameters", "no ros__parameters under"),
         ("latitude_deg: 55.7", "latitude: 55.7", "no last_pose.latitude_deg"),
-        ("latitude_deg: 55.7", "latitude_deg: 155.7", "last_pose has a value that is none"),
-        ("height: 150.5", "height: .nan", "last_pose has a value that is none"),
+        ("latitude_deg: 55.7", "latitude_deg: 155.7", "last_pose has an invalid value"),
+        ("height: 150.5", "height: .nan", "last_pose has an invalid value"),
         ("height: 150.5", "height: high", "could not convert string to float"),
         ("accel_bias_mg", "accel_bais_mg", "did you mean imu.accel_bias_mg?"),
-        ("accel_bias_mg:\n    - 0.01\n    - 0.02\n    - -0.03", "max_gap: 3.0", "imu.max_gap is not kept"),
+        ("accel_bias_mg:\n    - 0.01\n    - 0.02\n    - -0.03", "max_gap: 3.0", "imu.max_gap does not belong"),
         ("- 0.1\n", "- much\n", "'much' is not a number"),
         ("imu:", "imu: [", "is not YAML"),
         ("stamp: 1700000000.25", "stamp: 1.0e+300", "timestamp"),
@@ -96,14 +96,14 @@ def _fed(simulation: Simulation, **parameters: object) -> Ins:
     return navigator
 
 
-def test_a_start_takes_up_what_was_saved(tmp_path: Path) -> None:
+def test_a_start_reads_the_saved_values(tmp_path: Path) -> None:
     path, simulation = tmp_path / "state.yaml", _stands()
     place = {f"initial__{name}": simulation.parameters[key] for name, key in (("height", "height"),)}
     place |= {"initial__latitude_deg": simulation.parameters["lat_deg"]}
     place |= {"initial__longitude_deg": simulation.parameters["lon_deg"]}
     first = _fed(simulation, state_file=str(path), **place)
     assert next(report.text for report in first.events.drain()) == (
-        f"state_file {path} is not there yet: ins_node/save writes it"
+        f"state_file {path} does not exist yet: ins_node/save writes it"
     )
     first.realtime.gyro_bias = (1e-6, 0.0, 0.0)
     first.calibration = LOG.calibration([(0.01, 1e-4), (0.0, 1e-3), (0.0, 1e-3)])
@@ -119,7 +119,7 @@ def test_a_start_takes_up_what_was_saved(tmp_path: Path) -> None:
     assert second.phase is Phase.NAVIGATING and second.covariance is not None
     assert 10.0 <= math.sqrt(second.covariance[0, 0]) < 10.5
     said = [report.text for report in second.events.drain()]
-    assert said[0].startswith(f"state_file {path}: imu.gyro_bias_deg_per_hour, ") and "as saved 2023-" in said[0]
+    assert said[0].startswith(f"state_file {path}: imu.gyro_bias_deg_per_hour, ") and "read, saved 2023-" in said[0]
     assert "no gnss/fix by the end of alignment: the position in state_file is used" in said
 
 
@@ -129,7 +129,7 @@ def test_a_damaged_file_is_told_and_left_alone(tmp_path: Path) -> None:
     navigator = _fed(_stands(), state_file=str(path))
     assert navigator.gyro_bias == (0.0, 0.0, 0.0) and navigator.phase is Phase.COARSE
     said = navigator.events.drain()[0].text
-    assert said.startswith(f"state_file {path}: ") and said.endswith("nothing of it is used; save again, or remove it")
+    assert said.startswith(f"state_file {path}: ") and said.endswith("the file is not used; save again, or remove it")
 
 
 def test_nothing_to_save(tmp_path: Path) -> None:

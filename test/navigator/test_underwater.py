@@ -161,8 +161,8 @@ def _plain() -> Fed:
 # The mission
 
 LOST = {"log.lost": "zeros", "log.lost_start": 220.0, "log.lost_duration": 100.0}
-LIE = {"depth.lie_start": 360.0, "depth.lie_duration": 60.0, "depth.lie_offset": 5.0}
-FAULTS = {"range.outlier_share": 0.2, "range.bias": 3.0, **LOST, **LIE}
+FAULT = {"depth.fault_start": 360.0, "depth.fault_duration": 60.0, "depth.fault_offset": 5.0}
+FAULTS = {"range.outlier_share": 0.2, "range.bias": 3.0, **LOST, **FAULT}
 
 
 def test_whole_dive_without_faults() -> None:
@@ -199,7 +199,7 @@ def test_whole_dive_with_all_faults_at_once(seed: int) -> None:
 @pytest.mark.parametrize("offset", [5.0, 0.5])
 def test_lying_gauge_is_told_and_not_believed(offset: float) -> None:
     """Not either when height has become so uncertain without it that what it says would be within the gate."""
-    s = _path().redrawn(1, **LIE | {"depth.lie_offset": offset})
+    s = _path().redrawn(1, **FAULT | {"depth.fault_offset": offset})
     fed, events, lies = Fed(s), _events(s), s.start_ns + 415 * NS
     fed.feed([event for event in events if event[0] < lies])
     recent = [report.text for report in fed.aided.events.recent(fed.aided.stamp_ns)]

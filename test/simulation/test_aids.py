@@ -156,9 +156,9 @@ def test_a_gauge_errs_and_lies(name: str) -> None:
         f"{name}.noise_stddev": 0.5,
         f"{name}.bias": 2.0,
         f"{name}.bias_stddev": 1.0,
-        f"{name}.lie_start": 40.0,
-        f"{name}.lie_duration": 10.0,
-        f"{name}.lie_offset": 30.0,
+        f"{name}.fault_start": 40.0,
+        f"{name}.fault_duration": 10.0,
+        f"{name}.fault_offset": 30.0,
     }
     gauge, exact = measure(3, **parameters)[name], measure()[name]
     assert (gauge.stddev, exact.bias) == (0.5, 0.0)

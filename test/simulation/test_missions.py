@@ -95,7 +95,7 @@ def test_dive_aligns_in_swell_with_a_turn() -> None:
     ("parameters", "expected"),
     [
         ({"depth": 500.0, "dive_time": 600.0}, "dive_time 600 s is too short for 500 m: give 3157 s or more"),
-        ({"height": 120.0}, "height 120 m is not that of the water, depth.surface_height 0 m; give both"),
+        ({"height": 120.0}, "height 120 m differs from the height of the water, depth.surface_height 0 m; give both"),
         ({"turn_start": 290.0}, "goes beyond alignment_time 300 s"),
     ],
 )

@@ -6,13 +6,13 @@ from ins_nav.stop_detection.service_schedule import ServiceSchedule
 
 def calls(schedule: ServiceSchedule, length: int, success: bool) -> list[tuple[str, int]]:
     """Calls in a stop of so many seconds, each answered at once."""
-    made = []
+    called = []
     schedule.arrive()
     for second in range(length):
         while second * 10**9 >= schedule.due_ns:
-            made.append((schedule.take(), second))
-            schedule.answered(made[-1][0], schedule.stop, success)
-    return made
+            called.append((schedule.take(), second))
+            schedule.answered(called[-1][0], schedule.stop, success)
+    return called
 
 
 def test_start_sequence() -> None:
@@ -37,6 +37,6 @@ def test_waits_for_the_answer() -> None:
     first = schedule.take()
     assert schedule.due_ns > 3600 * 10**9  # not before the answer
     schedule.arrive()
-    assert schedule.due_ns == 10 * 10**9  # nor is a lost one waited for at the next stop
+    assert schedule.due_ns == 10 * 10**9  # nor does the next stop wait for a lost answer
     schedule.answered(first, 1, False)  # late, of another stop: changes nothing
     assert schedule.due_ns == 10 * 10**9
