@@ -1,7 +1,7 @@
 """Messages at the rate of the IMU as CDR bytes, read and filled in place.
 
-rclpy converts a message field by field whenever it takes or publishes one; at 400 Hz that costs more than navigation. A
-message whose strings do not change has its numbers at constant offsets.
+rclpy converts every message field by field; at 400 Hz that costs more than navigation. A message whose strings
+do not change has its numbers at constant offsets.
 
 References
 ----------

@@ -27,7 +27,7 @@ _BIAS_UNIT = math.degrees(1.0) * 3600.0
 
 
 def silence(seconds: float) -> str:
-    """What to say when imu/data_raw has been silent for so many seconds."""
+    """Line for a silence of imu/data_raw, s."""
     return f"no messages on imu/data_raw for {seconds:.0f} s: is the driver running?"
 
 

@@ -1,8 +1,8 @@
 """Records of named numbers in a std_msgs/Float64MultiArray, for the topics between the nodes.
 
 The array has one dimension, whose label names the record, its version and its elements in their order, such as
-``calibration 1: log.scale log.pitch_deg`` or ``correction 1: ... velocity[3] ...``. Numbers keep all their bits, and a
-receiver with another form of the record rejects it by the name of the field.
+``calibration 1: log.scale log.pitch_deg`` or ``correction 1: ... velocity[3] ...``. Numbers return with all their bits.
+A receiver with another form of the record rejects it by the name of the field.
 """
 
 import math

@@ -9,6 +9,7 @@ from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
 from ins_nav.aiding.base import Aid
+from ins_nav.errors import InsNavError
 from ins_nav.nodes import runtime
 
 _DEPTH = 100
@@ -16,7 +17,7 @@ _DEPTH = 100
 
 @dataclass
 class _Topic:
-    """A topic of an aid, with its types, the one in use, the subscription, and the name with namespace and remaps."""
+    """A topic of an aid: installed types, the one in use, the subscription, the name with namespace and remaps."""
 
     name: str
     types: tuple[str, ...]
@@ -33,17 +34,25 @@ class AidSubscriptions:
     node : Node
     aids : iterable of Aid
     receive : callable
-        Gets topic, as the aid names it, and message.
+        Called with the topic, as the aid names it, and the message.
+
+    Raises
+    ------
+    InsNavError
+        No type of an aid is installed.
     """
 
     def __init__(self, node: Node, aids: Iterable[Aid[Any]], receive: Callable[[str, Any], None]) -> None:
         self._node = node
         self._receive = receive
-        self._topics = [_Topic(aid.topic, aid.MESSAGE_TYPES, aid.MESSAGE_TYPES[0]) for aid in aids]
-        for topic in self._topics:
+        self._reported: set[str] = set()
+        self._topics = []
+        for aid in aids:
+            installed = tuple(msgtype for msgtype in aid.MESSAGE_TYPES if _is_installed(msgtype))
+            topic = _Topic(aid.topic, installed or aid.MESSAGE_TYPES, (installed or aid.MESSAGE_TYPES)[0])
             topic.subscription = self._subscribe(topic)
             topic.resolved = topic.subscription.topic_name
-        self._reported: set[str] = set()
+            self._topics.append(topic)
 
     def follow_publishers(self) -> None:
         """Subscribe with the types that are published now; log, once each, what cannot be received.
@@ -78,6 +87,14 @@ class AidSubscriptions:
         )
 
 
+def _is_installed(msgtype: str) -> bool:
+    try:
+        runtime.message_class(msgtype)
+    except InsNavError:
+        return False
+    return True
+
+
 def choose_type(topic: str, supported: Sequence[str], used: str, published: set[str]) -> tuple[str, str]:
     """The message type to subscribe with, and a line about publishers of other types; empty where there are none.
 
@@ -85,7 +102,7 @@ def choose_type(topic: str, supported: Sequence[str], used: str, published: set[
     ----------
     topic : str
     supported : sequence of str
-        Types that the aid reads, preferred first.
+        Types that the aid reads and that are installed, preferred first.
     used : str
         Type of the present subscription, kept while it has a publisher.
     published : set of str
@@ -98,4 +115,4 @@ def choose_type(topic: str, supported: Sequence[str], used: str, published: set[
         return chosen, ""
     if available:
         return chosen, f"{topic}: {others} is published there besides {chosen}: only the latter is received"
-    return chosen, f"{topic}: {others} is published there; supported: {', '.join(supported)}"
+    return chosen, f"{topic}: {others} is published there; supported here: {', '.join(supported)}"

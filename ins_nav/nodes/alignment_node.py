@@ -1,6 +1,6 @@
 """`alignment_node`: fine alignment and aided navigation by the feedback Kalman filter, for `ins_node`.
 
-Takes the IMU and the aids (satellite position and velocity, log, depth, pressure, ranges to beacons), aligns finely,
+Receives the IMU and the aids (satellite position and velocity, log, depth, pressure, ranges to beacons), aligns finely,
 and sends corrections to `ins_node`. A thin translator: `ins_nav.navigator.system.FilterSystem` does the work.
 """
 
@@ -39,6 +39,7 @@ class AlignmentNode(Node):
 
     def __init__(self, shared: bool = False) -> None:
         super().__init__("alignment_node")
+        self._shared = shared
         configuration = parameters.declare(self)
         self._reporter = Reporter(self, "alignment")
         self._system: FilterSystem | NavigationSystem | None = None
@@ -104,7 +105,8 @@ class AlignmentNode(Node):
         self._aids.follow_publishers()
         system = self._system
         if system is not None:
-            self._reporter.log(system.events)
+            if not self._shared:  # else they are those of `ins_node`, which logs them
+                self._reporter.log(system.events)
             silent_for = self._reporter.silent_for(system.front_end.stream.received)
             self._reporter.publish(*diagnostics.alignment_diagnostics(system.delayed, silent_for))
 

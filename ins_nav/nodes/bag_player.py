@@ -40,7 +40,7 @@ from ins_nav.recordings.bags import BagReader, DamagedBagError, suggestion
 _GLOBAL_TOPICS = ("/tf", "/tf_static", "/clock", "/rosout", "/parameter_events", "/diagnostics")
 _DEPTH = 1000  # 2.5 s at 400 Hz: no burst is lost on a reader that is slow for a moment
 _STABLE = 3.5  # s without a further match: an announcement that was lost is repeated after 3 s
-_REPORT_WAIT = 2.0  # s without a subscriber before a message: longer than discovery usually takes
+_REPORT_WAIT = 2.0  # s without a subscriber before a message: longer than discovery usually lasts
 _LATE = 0.5  # s behind the schedule at which a warning is due
 _ACKNOWLEDGE = 5.0  # s for reliable readers to acknowledge the last messages
 _LINGER = 0.2  # s between the last message and the end: best-effort readers cannot acknowledge
@@ -165,7 +165,7 @@ class Player(Node):
                 return
             elif not subscribers and not reported and now - since > _REPORT_WAIT:
                 names = ", ".join(output.topic_name for output in self._outputs.values())
-                _say(f"waiting for a subscriber to {names} (--wait-for-subscribers 0: play at once)")
+                _print(f"waiting for a subscriber to {names} (--wait-for-subscribers 0: play at once)")
                 reported = True
             time.sleep(_LONGEST_SLEEP)
 
@@ -189,7 +189,7 @@ class Player(Node):
         for topic, output in self._outputs.items():
             while not self._stopping and not output.wait_for_all_acked(Duration(seconds=_LONGEST_SLEEP)):
                 if time.monotonic() > end:
-                    _say(f"a subscriber to {topic} has not acknowledged all messages within {_ACKNOWLEDGE:g} s")
+                    _print(f"a subscriber to {topic} has not acknowledged all messages within {_ACKNOWLEDGE:g} s")
                     return
         time.sleep(_LINGER)
 
@@ -203,7 +203,7 @@ class Player(Node):
                 return
             if delay < -_LATE and not self._reported_late:
                 self._reported_late = True
-                _say(f"cannot keep the pace: {-delay:.1f} s behind; no message is skipped")
+                _print(f"cannot keep the pace: {-delay:.1f} s behind; no message is skipped")
             publish[raw.topic](raw.data)
             self.published[raw.topic] += 1
             progress(raw.stamp_ns)
@@ -236,7 +236,7 @@ class Player(Node):
         self._clock_publisher.publish(message)
 
 
-def _say(text: str) -> None:
+def _print(text: str) -> None:
     """Print a line above the progress bar."""
     tqdm.write(text, file=sys.stdout)
     sys.stdout.flush()
@@ -331,7 +331,7 @@ def _options(args: list[str]) -> argparse.Namespace:
 def _run(player: Player, bag: BagReader, options: argparse.Namespace) -> None:
     """Wait, play, finish and sum up."""
     if player.skipped:
-        _say("not played: " + "; ".join(f"{topic} ({reason})" for topic, reason in player.skipped.items()))
+        _print("not played: " + "; ".join(f"{topic} ({reason})" for topic, reason in player.skipped.items()))
     player.wait_for_subscribers(options.wait_for_subscribers)
     began = time.monotonic()
     damage: DamagedBagError | None = None
@@ -355,7 +355,7 @@ def _run(player: Player, bag: BagReader, options: argparse.Namespace) -> None:
             damage = error
         player.finish()
     counts = ", ".join(f"{topic} {count}" for topic, count in sorted(player.published.items()))
-    _say(f"published {player.published.total()} messages in {time.monotonic() - began:.1f} s: {counts or 'none'}")
+    _print(f"published {player.published.total()} messages in {time.monotonic() - began:.1f} s: {counts or 'none'}")
     if damage:
         raise damage
 

@@ -1,6 +1,6 @@
 """Console commands of the nodes: rclpy is imported when a command runs, and named when it is missing.
 
-The modules of a node take a second or two to import. Signals are blocked before, so that they end the node cleanly
+The modules of a node need a second or two to import. Signals are blocked before, so that they end the node cleanly
 whenever they come.
 """
 

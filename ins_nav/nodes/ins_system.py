@@ -1,7 +1,7 @@
 """`ins_system`: the nodes in one process, on one executor: the one-line start.
 
-`ins_node`, `stop_detector_node` and `alignment_node`, with their own names, topics, services and parameters, share one
-IMU stream, one stop detector, one alignment and one filter.
+`ins_node`, `stop_detector_node` and `alignment_node`, each with its names, topics, services and parameters, share one
+IMU stream, one stop detector, one alignment and one filter. What these report is logged under `ins_node`.
 """
 
 import sys

@@ -24,7 +24,7 @@ def declare(node: Node, others: Mapping[str, Any] | None = None) -> Configuratio
     ----------
     node : Node
     others : mapping, optional
-        Overrides of other nodes in the process, which hold where the node has none itself.
+        Overrides of other nodes in the process, used where the node has none itself.
 
     All overrides are checked, whole numbers converted to floating point, former names replaced, and unknown names
     refused, which rclpy by itself would ignore.

@@ -1,7 +1,7 @@
 """Common to all nodes: initialization, service, end; message classes by name.
 
 Signals end a node between two callbacks, never within one. `init` blocks SIGINT, SIGTERM and SIGHUP in the main thread
-and so in all threads that start later; one thread of `on_signal` waits for the first of them. rclpy's own handlers
+and so in all threads that start later; one thread of `on_signal` waits for the first of them. rclpy's handlers
 would end the context in the middle of a callback, and those of its events executor abort the process on a second
 signal.
 """
@@ -56,7 +56,7 @@ def init(args: list[str] | None = None) -> list[str]:
         if word == "--":
             current = rest
     try:
-        # rcl would also take words such as a:=b outside --ros-args for rules of its own
+        # rcl would read words such as a:=b outside --ros-args as rules, too
         rclpy.init(args=["", *ros], signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:  # the common base of rclpy's errors for arguments
         reason = str(error).partition(": ")[2].partition(", at ")[0] or f"unknown {error}"
@@ -65,7 +65,7 @@ def init(args: list[str] | None = None) -> list[str]:
 
 
 def on_signal(react: Callable[[], object]) -> None:
-    """Call a function, in a thread of its own, at the first SIGINT, SIGTERM or SIGHUP since `init`.
+    """Call a function, in a separate thread, at the first SIGINT, SIGTERM or SIGHUP since `init`.
 
     Later signals have no effect.
     """

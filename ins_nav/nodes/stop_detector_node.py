@@ -128,7 +128,8 @@ class StopDetectorNode(Node):
         self._log_answer(name, answer.success, answer.message)
 
     def _log(self) -> None:
-        self._reporter.log(self._events)
+        if not self._shared:  # else they are those of `ins_node`, which logs them
+            self._reporter.log(self._events)
 
     def _on_timer(self) -> None:
         self._log()

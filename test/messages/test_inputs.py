@@ -44,7 +44,7 @@ def _r(q: Any) -> Rotation:
 
 
 def test_covariances_of_the_messages(bag: Path, tmp_path: Path) -> None:
-    """Each on its own axes: the errors of the fields, normalized by the covariance beside them."""
+    """Each on the axes of its message: the errors of the fields, normalized by the covariance beside them."""
     out = tmp_path / "out"
     assert main([str(bag), "-o", str(out), "--param", "alignment.duration:=20", *BOTH]) == 0
     odometry, imu, fix = (_series(out, t) for t in ("odometry", "imu/data", "fix"))
@@ -122,7 +122,7 @@ def test_frames_of_the_covariances_far_from_the_origin() -> None:
     ):
         assert direction @ matrix @ direction == pytest.approx(1e-2)
         assert np.trace(matrix) == pytest.approx(1.05e-2)
-    # in the map: a step along the first axis of n, taken there
+    # in the map: a step along the first axis of n, applied there
     step = 100.0
     moved = nav_state.corrected(state, (step, 0.0, 0.0))
     direction_m = np.subtract(origin.position(moved), origin.position(state)) / step

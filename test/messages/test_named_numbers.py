@@ -1,4 +1,4 @@
-"""Records of named numbers: exact, and rejected by name where they are not of the form that their label says."""
+"""Records of named numbers: exact, and rejected by name where they are not of the form that their label describes."""
 
 import math
 

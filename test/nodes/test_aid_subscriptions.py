@@ -13,6 +13,9 @@ PLAIN, WITH, POSE = (
 )
 
 
+ABSENT = "absent_msgs/msg/Speed"
+
+
 @pytest.mark.parametrize(
     ("used", "published", "chosen", "text"),
     [
@@ -22,7 +25,7 @@ PLAIN, WITH, POSE = (
         (WITH, {PLAIN}, PLAIN, ""),
         (PLAIN, {PLAIN, WITH}, PLAIN, f"log: {WITH} is published there besides {PLAIN}: only the latter is received"),
         (WITH, {PLAIN, POSE}, PLAIN, f"log: {POSE} is published there besides {PLAIN}: only the latter is received"),
-        (WITH, {POSE}, WITH, f"log: {POSE} is published there; supported: {WITH}, {PLAIN}"),
+        (WITH, {POSE}, WITH, f"log: {POSE} is published there; supported here: {WITH}, {PLAIN}"),
     ],
 )
 @needs_ros
@@ -45,12 +48,12 @@ def _play(ros: Ros, name: str, msgtype: str) -> None:
 def test_a_publisher_of_another_type(tmp_path: Path, msgtype: str) -> None:
     """One of the aid's second type is received, one of another type is named."""
     with Ros(tmp_path) as ros:
-        node = ros.start(Path(__file__).with_name("aid_listener.py"), "log", WITH, PLAIN)
+        node = ros.start(Path(__file__).with_name("aid_listener.py"), "log", ABSENT, WITH, PLAIN)
         node.wait_for_output("subscribed to log")
         _play(ros, "bag", msgtype)
         if msgtype == PLAIN:
             node.wait_for_output(f"log: {PLAIN} is published there, subscribed")
             node.wait_for_output("received TwistStamped on log", 30.0)
         else:
-            node.wait_for_output(f"log: {POSE} is published there; supported: {WITH}, {PLAIN}")
+            node.wait_for_output(f"log: {POSE} is published there; supported here: {WITH}, {PLAIN}")
         assert node.stop() == 0

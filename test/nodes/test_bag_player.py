@@ -1,4 +1,4 @@
-"""bag_player over real DDS, in processes of its own."""
+"""bag_player over real DDS, in separate processes."""
 
 import json
 import re
@@ -121,8 +121,8 @@ for arguments in json.loads(sys.argv[1]):
 """
 
 
-def test_what_is_said_of_bad_arguments_and_bags(tmp_path: Path) -> None:
-    """One process for all of them: starting Python and ROS takes longer than the rest."""
+def test_errors_of_bad_arguments_and_bags(tmp_path: Path) -> None:
+    """One process for all of them: the start of Python and ROS is longer than the rest."""
     bag = str(write_bag(tmp_path / "bag", seconds=1.0))
     cut = tmp_path / "cut.mcap"
     cut.write_bytes((tmp_path / "bag" / "bag.mcap").read_bytes()[:100_000])
@@ -148,18 +148,18 @@ def test_what_is_said_of_bad_arguments_and_bags(tmp_path: Path) -> None:
         process = ros.start(script, json.dumps([case[0] for case in cases]))
         assert process.wait() == 0
     answers = re.split(r"code (\d+)\n", process.stderr)
-    for (arguments, expected), said, code in zip(cases, answers[::2], answers[1::2], strict=False):
-        lines = [line for line in said.splitlines() if "[rcl]" not in line]  # rcl logs by itself
+    for (arguments, expected), output, code in zip(cases, answers[::2], answers[1::2], strict=False):
+        lines = [line for line in output.splitlines() if "[rcl]" not in line]  # rcl logs by itself
         assert code == "1", arguments
-        assert len(lines) == 1, (arguments, said)
-        assert re.match(f"bag_player: .*{expected}", lines[0]), (arguments, said)
+        assert len(lines) == 1, (arguments, output)
+        assert re.match(f"bag_player: .*{expected}", lines[0]), (arguments, output)
     assert len(answers) == 2 * len(cases) + 1
     published = re.search(r"published (\d+) messages", process.stdout)
     assert published
     assert 100 < int(published[1]) < 401  # what there was of the damaged bag was played before
 
 
-def test_a_type_that_is_not_installed_is_told_and_left_out(tmp_path: Path) -> None:
+def test_a_type_that_is_not_installed_is_named_and_left_out(tmp_path: Path) -> None:
     msgtype = "no_such_msgs/msg/Thing"
     types = typestore().__class__()
     types.register(get_types_from_msg("float64 value", msgtype))

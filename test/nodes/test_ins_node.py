@@ -1,4 +1,4 @@
-"""`ins_node` over real DDS, in a process of its own, fed by `bag_player`."""
+"""`ins_node` over real DDS, in a separate process, fed by `bag_player`."""
 
 import math
 from pathlib import Path
@@ -38,7 +38,7 @@ def node(ros: Ros, *parameters: str, extra: tuple[str, ...] = ()) -> Process:
 
 
 def node_and_listener(ros: Ros, *parameters: str) -> tuple[Process, Listener]:
-    """A node, and a listener that hears it already: discovery can take longer than a short bag."""
+    """A node, and a listener that has discovered it: discovery can last longer than a short bag."""
     listener = ros.listen(OUTPUTS)
     process = node(ros, *parameters)
     listener.wait_for_count("/diagnostics", 1)
@@ -105,7 +105,7 @@ def test_live_equals_ins_process(drive: Path, tmp_path: Path) -> None:
     assert live["/fix"][last].latitude == pytest.approx(offline["/fix"][last].latitude, abs=1e-9)
 
 
-def test_bad_samples_are_told_counted_and_survived(drive: Path, tmp_path: Path) -> None:
+def test_bad_samples_are_named_counted_and_survived(drive: Path, tmp_path: Path) -> None:
     """A NaN, a repeated stamp, a stamp that goes back, a zero stamp and a 2 s gap, all while navigating."""
     messages = raw_messages(drive)
     imu = [i for i, raw in enumerate(messages) if raw.topic == "/imu/data_raw"]
@@ -130,13 +130,13 @@ def test_bad_samples_are_told_counted_and_survived(drive: Path, tmp_path: Path) 
         listener.wait_for(lambda: last_values(listener).get("imu/data_raw received") == str(len(imu) - 401))
         values = last_values(listener)
         assert ins.stop() == 0
-        said = ins.stdout + ins.stderr
-    assert "imu/data_raw: angular_velocity.y is nan, sample rejected" in said
-    assert "repeated, sample rejected: is the topic published twice?" in said
-    assert "stamp goes back by 0.045000 s, sample rejected" in said
-    assert "header.stamp is 0 ns, sample rejected: the driver must stamp" in said
-    assert "gap of 2.010 s, about 401 samples lost, bridged" in said
-    # each rejected sample leaves a gap of one interval; 401 samples were taken out
+        output = ins.stdout + ins.stderr
+    assert "imu/data_raw: angular_velocity.y is nan, sample rejected" in output
+    assert "repeated, sample rejected: is the topic published twice?" in output
+    assert "stamp goes back by 0.045000 s, sample rejected" in output
+    assert "header.stamp is 0 ns, sample rejected: the driver must stamp" in output
+    assert "gap of 2.010 s, about 401 samples lost, bridged" in output
+    # each rejected sample leaves a gap of one interval; 401 samples were removed
     expected = {"not finite": 1, "repeated stamps": 1, "backward stamps": 1, "zero stamps": 1}
     assert {kind: int(values[kind]) for kind in expected} == expected
     assert int(values["samples lost"]) == 401 + 4
@@ -184,18 +184,18 @@ def test_namespace_services_bias_and_whole_numbers(drive: Path, tmp_path: Path) 
 
 
 @pytest.mark.parametrize(
-    ("parameter", "said"),
+    ("parameter", "output"),
     [
         ("alignment.durration:=30.0", "unknown parameter alignment.durration: did you mean alignment.duration?"),
         ("imu.sampling:=mean", "parameter imu.sampling: 'mean' is not one of averaged, instantaneous"),
         ("alignment.duration:=true", "parameter alignment.duration: True is not a number"),
     ],
 )
-def test_parameter_errors_are_one_line(tmp_path: Path, parameter: str, said: str) -> None:
+def test_parameter_errors_are_one_line(tmp_path: Path, parameter: str, output: str) -> None:
     with Ros(tmp_path) as ros:
         ins = ros.start("ins_nav.nodes.ins_node", "--ros-args", "-p", parameter)
         assert ins.wait() == 1
-        assert [line for line in ins.stderr.splitlines() if line] == [f"ins_node: {said}"]
+        assert [line for line in ins.stderr.splitlines() if line] == [f"ins_node: {output}"]
 
 
 def test_sigterm_ends_it_cleanly(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Signals end a node cleanly, whenever they come and however many: exit code 0, nothing but its own lines on stderr."""
+"""Signals end a node cleanly, whenever they come and however many: exit code 0, only the node's lines on stderr."""
 
 import signal
 import time

@@ -41,7 +41,7 @@ def play(ros: Ros, bag: Path) -> None:
     assert player.wait(60.0) == 0
 
 
-def said(process: Process) -> str:
+def output(process: Process) -> str:
     return process.stdout + process.stderr
 
 
@@ -57,7 +57,7 @@ def values(listener: Listener) -> dict[str, str]:
 
 
 @needs_ros
-def test_stops_are_told_and_services_called(drive: Path, tmp_path: Path) -> None:
+def test_stops_are_published_and_services_called(drive: Path, tmp_path: Path) -> None:
     """At 5 s of each of the first two stops zupt1, then, of 13 s and of 22 s, zupt2 at 10 s and 20 s.
 
     And never from a callback that waits for the answer.
@@ -95,7 +95,7 @@ def test_refusals_are_logged_and_tried_again(drive: Path, tmp_path: Path) -> Non
 
 
 @needs_ros
-def test_missing_service_is_told_once_and_tried_again(drive: Path, tmp_path: Path) -> None:
+def test_missing_service_is_reported_once_and_tried_again(drive: Path, tmp_path: Path) -> None:
     with Ros(tmp_path) as ros:
         listener = ros.listen({"stopped": BOOL}, latched=True)
         detector = node(ros, *SOON)
@@ -103,13 +103,13 @@ def test_missing_service_is_told_once_and_tried_again(drive: Path, tmp_path: Pat
         play(ros, drive)
         listener.wait_for_count("stopped", 5)
         missing = r"no service ins_node/zupt1: is ins_node running"
-        assert len(re.findall(missing, said(detector))) == 1
+        assert len(re.findall(missing, output(detector))) == 1
         services = server(ros, "ins_node/zupt1=drifts 1 2 3 deg/h")
         wait_for_services(ros, "zupt1")
         play(ros, drive)  # the stamps jump back: everything begins again
         detector.wait_for_output(r"stamps jumped by -\d+\.\d+ s \(back\): starting again[^\0]*zupt1 done")
         listener.wait_for_count("stopped", 9)
-        assert len(re.findall(missing, said(detector))) == 1
+        assert len(re.findall(missing, output(detector))) == 1
         services.terminate()
         assert services.wait() == 0
         assert detector.stop() == 0

@@ -1,4 +1,4 @@
-"""Stops over real DDS: services refuse and calibrate, the detector calls them, in processes of their own and in one."""
+"""Stops over real DDS: services refuse and calibrate, the detector calls them, in separate processes and in one."""
 
 import math
 from collections.abc import Callable
@@ -141,7 +141,7 @@ class Outcome:
     stopped: list[bool]
     status: dict[str, str]
     late: list[Any]
-    """What a subscriber that came after all heard."""
+    """What a subscriber received that came after all."""
 
 
 def by_stamp(messages: list[Any]) -> dict[int, Any]:
@@ -167,7 +167,7 @@ def batch(chain: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Ou
 
 @pytest.fixture(scope="module")
 def live(chain: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Outcome]:
-    """One play of the bag, heard by nodes in their own processes, and by `ins_system` in the namespace ``one``."""
+    """One play of the bag, received by nodes in separate processes, and by `ins_system` in the namespace ``one``."""
     with Ros(tmp_path_factory.mktemp("live")) as ros:
         spaces = ("", "one/")
         listener = ros.listen({f"{space}odometry": ODOMETRY for space in spaces} | LIVE)
@@ -265,7 +265,7 @@ def test_live_equals_ins_process(how: str, live: dict[str, Outcome], batch: dict
 def test_without_the_detector_nobody_calls(chain: Path, batch: dict[str, Outcome], tmp_path: Path) -> None:
     assert bias(batch["processes"].biases[-1]) == pytest.approx(DRIFTS, abs=1e-3)
     alone = offline(chain, tmp_path / "alone", "--nodes", "ins_node")
-    # zero velocity alone shows the horizontal drifts to its own sway
+    # zero velocity alone shows the horizontal drifts to the scatter of its sway
     sigma = np.degrees(np.sqrt(np.asarray(alone.biases[-1].angular_velocity_covariance)[::4])) * 3600.0
     assert (np.abs(np.subtract(bias(alone.biases[-1]), DRIFTS)) < 3.0 * sigma).all()
     assert alone.stopped == []
@@ -290,7 +290,7 @@ def test_killed_detector_is_started_again(chain: Path, tmp_path: Path) -> None:
             count = len(latched.messages("stopped"))
             new = start(ros, "stop_detector_node", *settings)
             latched.wait_for_count("stopped", count + 1)
-            # of the new one: it has heard nothing yet
+            # of the new one: it has received nothing yet
             listener.wait_for(lambda: ready().get("imu/data_raw received") == "0")
             listener.wait_for(lambda: ready().get("services") == "zupt1, zupt2")
             assert listener.call("bag_player/resume") == (True, "playing")
