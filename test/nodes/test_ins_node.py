@@ -156,11 +156,12 @@ def test_looped_bag_starts_again(drive: Path, tmp_path: Path) -> None:
         listener.stop()
     stamps = np.array([stamp_of(received.message) for received in listener.messages("odometry")])
     back = np.flatnonzero(np.diff(stamps) < 0)
-    assert len(back) == 1
-    # the second start is as clean as the first: the same samples give the same solution (to the rounding of BLAS)
-    first, again = listener.messages("odometry")[0].message, listener.messages("odometry")[back[0] + 1].message
-    assert stamp_of(first) == stamp_of(again)
-    assert again.pose.pose.orientation.z == pytest.approx(first.pose.pose.orientation.z, abs=1e-8)
+    assert len(back) >= 1  # more when the player was stopped late
+    # each start is as clean as the first: the same samples give the same solution (to the rounding of BLAS)
+    first, *again = (listener.messages("odometry")[i].message for i in (0, *(back + 1)))
+    for start in again:
+        assert stamp_of(first) == stamp_of(start)
+        assert start.pose.pose.orientation.z == pytest.approx(first.pose.pose.orientation.z, abs=1e-8)
 
 
 def test_namespace_services_bias_and_whole_numbers(drive: Path, tmp_path: Path) -> None:
@@ -176,7 +177,8 @@ def test_namespace_services_bias_and_whole_numbers(drive: Path, tmp_path: Path) 
         late = ros.listen({"/car/imu/bias": IMU}, latched=True)
         late.wait_for_count("/car/imu/bias", 1)
         bias = late.messages("/car/imu/bias")[0].message
-        assert math.degrees(bias.angular_velocity.x) * 3600.0 == pytest.approx(1.0)
+        # corrected at the stop when the subscriber comes late, by less than its sigma of 0.01
+        assert math.degrees(bias.angular_velocity.x) * 3600.0 == pytest.approx(1.0, abs=0.01)
         success, text = listener.call("/car/ins_node/align")
         assert success and text == "alignment started: stand still, or rock without travelling, for 5 s"
         assert player.wait(60.0) == 0
