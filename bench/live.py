@@ -50,8 +50,8 @@ def _measure(duration: float, node: str, statuses: int = 1, single_threaded: boo
     programs = {name: _command(module, single_threaded) for name, module in modules.items()}
     with tempfile.TemporaryDirectory() as folder:
         write_bag(simulation, Path(folder, "bag"))
-        said, heard, share = _play(Path(folder), programs, statuses)
-    return _rows(said, heard, simulation.stamps_ns, share)
+        output, recorded, share = _play(Path(folder), programs, statuses)
+    return _rows(output, recorded, simulation.stamps_ns, share)
 
 
 def _command(module: str, single_threaded: bool) -> tuple[str, ...]:
@@ -80,21 +80,23 @@ def _play(
             readings.append((time.monotonic(), *map(_seconds, processes.values())))
             time.sleep(0.5)
         spent = np.subtract(readings[-1], readings[0])
-        said = nodes.wait_for("bag_player")
+        output = nodes.wait_for("bag_player")
         recorder.stdin.close()
-        heard = json.loads(nodes.wait_for("recorder"))
-    return said, heard, dict(zip(processes, (100.0 * spent[1:] / spent[0]).tolist(), strict=True))
+        recorded = json.loads(nodes.wait_for("recorder"))
+    return output, recorded, dict(zip(processes, (100.0 * spent[1:] / spent[0]).tolist(), strict=True))
 
 
-def _rows(said: str, heard: dict[str, Any], stamps_ns: NDArray[np.int64], share: dict[str, float]) -> dict[str, object]:
-    published = re.search(r"/imu/data_raw (\d+)", said)
-    latency = heard["latency_ms"] or [math.nan] * 3
+def _rows(
+    output: str, recorded: dict[str, Any], stamps_ns: NDArray[np.int64], share: dict[str, float]
+) -> dict[str, object]:
+    published = re.search(r"/imu/data_raw (\d+)", output)
+    latency = recorded["latency_ms"] or [math.nan] * 3
     return {
         "samples published": published[1] if published else "none",
-        "received by ins_node": heard["diagnostics"]["imu/data_raw received"],
-        "integrated": heard["diagnostics"]["imu/data_raw integrated"],
-        "samples from the end of the alignment on": np.count_nonzero(stamps_ns >= heard["first_ns"]),
-        "Odometry received / distinct": f"{heard['solutions']} / {heard['distinct']}",
+        "received by ins_node": recorded["diagnostics"]["imu/data_raw received"],
+        "integrated": recorded["diagnostics"]["imu/data_raw integrated"],
+        "samples from the end of the alignment on": np.count_nonzero(stamps_ns >= recorded["first_ns"]),
+        "Odometry received / distinct": f"{recorded['solutions']} / {recorded['distinct']}",
         "latency sample to Odometry, median, ms": f"{latency[0]:.2f}",
         "latency, 99 %, ms": f"{latency[1]:.2f}",
         "latency, greatest, ms": f"{latency[2]:.1f}",

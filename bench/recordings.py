@@ -26,20 +26,20 @@ _TACTICAL = "imu.gyro_bias_stddev_deg_per_hour:=1.0"
 
 
 def process(bag: Path, out: Path, *parameters: str) -> str:
-    """Run ins_process, free inertial; what it said.
+    """Run ins_process, free inertial; return its output.
 
     Raises
     ------
     InsNavError
         It failed.
     """
-    said = io.StringIO()
+    output = io.StringIO()
     settings = [word for parameter in parameters for word in ("--param", parameter)]
-    with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+    with contextlib.redirect_stdout(output), contextlib.redirect_stderr(output):
         code = ins_process([str(bag), "-o", str(out), "--nodes", "ins_node", *settings])
     if code:
-        raise InsNavError(said.getvalue().strip().splitlines()[-1])
-    return said.getvalue()
+        raise InsNavError(output.getvalue().strip().splitlines()[-1])
+    return output.getvalue()
 
 
 def results(data: Path) -> Iterator[str]:
@@ -53,12 +53,12 @@ def results(data: Path) -> Iterator[str]:
 
 
 def _drive(bag: Path, folder: Path) -> str:
-    said = process(bag, folder / "batch")
+    output = process(bag, folder / "batch")
     published, _ = navigate(bag, folder / "live", _RATE)
     batch, live = (read_result(folder / name, name) for name in ("batch", "live"))
     measured = [(_heading(track), *_distance(track, bag)) for track in (batch, live)]
     difference, turn, common = _difference(batch, live)
-    counted = re.search(r"(\d+) integrated", said)
+    counted = re.search(r"(\d+) integrated", output)
     integrated = [counted and counted[1], live.diagnostics["imu/data_raw integrated"]]
     rows: list[Sequence[object]] = [
         ["heading after 60 s of standing, °", *(f"{heading:.3f}" for heading, _, _ in measured), "2.45 ± 0.3"],

@@ -34,9 +34,9 @@ from bench.underwater_run import (
     Given,
     Run,
     errors_of,
+    filter_parameters,
     noiseless,
     prior,
-    told,
 )
 from ins_nav.mechanization import earth
 from ins_nav.simulation.scenarios import Simulation
@@ -83,7 +83,7 @@ def run_dive(dive: Dive, seeds: Sequence[int]) -> list[tuple[Array, Array]]:
     found = []
     for seed in seeds:
         simulation = noiseless(()).redrawn(seed, **errors_of(seed, dive.log))
-        run = Run(simulation, told(*dive.log_prior), dive.skip).until(_surfaced(simulation) - _BEFORE)
+        run = Run(simulation, filter_parameters(*dive.log_prior), dive.skip).until(_surfaced(simulation) - _BEFORE)
         run.rows.append(run.errors())
         returns = [] if dive.ranges else [_surfacing(run.fork(), jump) for jump in (0.0, _JUMP)]
         found.append((np.array(run.rows), np.array(returns)))
@@ -175,7 +175,7 @@ def _distance(simulation: Simulation, begin: float, end: float) -> float:
 # --- calibration
 
 _CALIBRATED = (0.01, 1.0)
-"""Scale and angles, deg, that are given to the log, and the sigmas that the filter is told."""
+"""Scale and angles, deg, of the log, and their sigmas in the filter."""
 _LEGS = ((120.0, 1.0), (1800.0, 1.0), (600.0, 0.1))
 """Time at the surface, s, and noise of fixes, m."""
 
@@ -192,7 +192,9 @@ def run_calibration(motion: Given, seeds: Sequence[int]) -> list[Array]:
     for seed in seeds:
         constants = errors_of(seed, False) | {"log.scale": scale, "log.misalignment_deg": (angle, -angle)}
         simulation = noiseless(motion).redrawn(seed, **constants)
-        run = Run(simulation, told(scale, angle), _NO_RANGES).until(float(simulation.trajectory.time[-1]) - LAG)
+        run = Run(simulation, filter_parameters(scale, angle), _NO_RANGES).until(
+            float(simulation.trajectory.time[-1]) - LAG
+        )
         own = np.array(run.navigator.own_states("log"))
         own[:, 0] -= [simulation.aids["log"].scale, *simulation.aids["log"].misalignment]
         found.append(own)
@@ -253,7 +255,7 @@ def run_fault(name: str, seeds: Sequence[int]) -> list[tuple[Array, list[float]]
     found = []
     for seed in seeds:
         simulation = noiseless(() if _WHOLE in name else _SHORT).redrawn(seed, **errors_of(seed) | FAULTS[name])
-        run = Run(simulation, told()).until(float(simulation.trajectory.time[-1]) - LAG)
+        run = Run(simulation, filter_parameters()).until(float(simulation.trajectory.time[-1]) - LAG)
         ((_, _), (bias, _)) = run.navigator.own_states("range/vessel")
         counts = [float(run.navigator.events.counts.get(kind, 0)) for kind in _KINDS]
         found.append((np.array(run.rows), [*counts, bias]))
@@ -285,7 +287,7 @@ def _faults(found: dict[str, list[tuple[Array, list[float]]]]) -> str:
 _AWAY = (200.0, 400.0)
 """m, of the beacon from the start."""
 _START_STDDEV, _START_OFF = 200.0, (150.0, 200.0)
-"""m: what the filter is told of the place at the start, each axis, and by how much that is wrong."""
+"""m: sigma of the initial position in the filter, each axis, and its errors."""
 _LOOKS = (100.0, 300.0, 600.0, 900.0, 1200.0, 1600.0)
 """s."""
 
@@ -304,7 +306,7 @@ def run_wrong_start(away: float, seeds: Sequence[int]) -> list[Array]:
         lon = origin.lon + length * math.sin(direction) / (prime_vertical * math.cos(origin.lat))
         start = {"initial.latitude_deg": math.degrees(lat), "initial.longitude_deg": math.degrees(lon)}
         start |= {"initial.height": 0.0, "initial.position_stddev": _START_STDDEV, "depth.surface_height": 0.0}
-        found.append(np.array(Run(simulation, told() | start).until(_LOOKS[-1], 20.0).rows))
+        found.append(np.array(Run(simulation, filter_parameters() | start).until(_LOOKS[-1], 20.0).rows))
     return found
 
 
@@ -331,7 +333,7 @@ def run_wrong_beacon(_: None, seeds: Sequence[int]) -> list[tuple[Array, list[fl
     found = []
     for seed in seeds:
         simulation = noiseless(_SHORT).redrawn(seed, **errors_of(seed))
-        run = Run(simulation, told())
+        run = Run(simulation, filter_parameters())
         origin = simulation.trajectory.origin
         _, prime_vertical = earth.principal_radii(math.sin(origin.lat))
         degrees = math.degrees(_WRONG / (prime_vertical * math.cos(origin.lat)))

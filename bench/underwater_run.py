@@ -202,11 +202,11 @@ def errors_of(seed: int, log: bool = True) -> dict[str, Any]:
 
 
 def prior(log_scale: float, log_angle_deg: float) -> Prior:
-    """What the filter is told."""
+    """Priors of the filter."""
     angle = math.radians(log_angle_deg)
     return Prior(_UNIT.gyro.bias_stddev, _UNIT.accel.bias_stddev, log_scale, angle, _RANGE_SCALE, _RANGE_BIAS)
 
 
-def told(log_scale: float = LOG_SCALE, log_angle_deg: float = LOG_ANGLE) -> dict[str, Any]:
+def filter_parameters(log_scale: float = LOG_SCALE, log_angle_deg: float = LOG_ANGLE) -> dict[str, Any]:
     """Parameters of the navigator for what is drawn."""
     return {"log.scale_stddev": log_scale, "log.misalignment_stddev_deg": log_angle_deg}

@@ -1,6 +1,6 @@
-"""Records live nodes: recorder.py BAG NODES. Tells by one line of JSON how long samples take to come back.
+"""Records live nodes: recorder.py BAG NODES. Prints one line of JSON: latency from sample to solution.
 
-Waits for as many nodes as it is told. Ends when stdin is closed, after diagnostics that can have missed nothing.
+Waits for a given number of nodes. Ends when stdin is closed, after diagnostics newer than the last sample.
 """
 
 import json
@@ -93,9 +93,9 @@ class Recorder(Node):
 
 
 def latency_ms(samples: list[tuple[int, bytes]], solutions: list[tuple[int, bytes]]) -> np.ndarray:
-    """From hearing a sample to hearing its solution, both in this process."""
-    heard = {_STAMP.unpack_from(data, 4): at for at, data in samples}
-    back = ((at, heard.get(_STAMP.unpack_from(data, 4))) for at, data in solutions)
+    """From the arrival of a sample to that of its solution, both in this process."""
+    received = {_STAMP.unpack_from(data, 4): at for at, data in samples}
+    back = ((at, received.get(_STAMP.unpack_from(data, 4))) for at, data in solutions)
     return np.array([(at - since) * 1e-6 for at, since in back if since is not None])
 
 

@@ -1,6 +1,6 @@
 """A dive from end to end: simulate, navigate live over ROS 2, compare with the truth.
 
-Needs rclpy (``make demo`` takes care). Everything it makes is in demo/out, or where -o says.
+Needs rclpy (``make demo`` takes care). Output is in demo/out, or in the folder of -o.
 """
 
 import argparse
@@ -58,7 +58,7 @@ class Nodes:
                 process.wait()
 
     def start(self, name: str, *command: object, shows: bool = False) -> subprocess.Popen[str]:
-        """Run Python with these arguments; what it says on stderr goes to NAME.log unless it is to be shown."""
+        """Run Python with these arguments; stderr goes to NAME.log unless it is shown."""
         with self.log(name).open("w") as log:
             self._running[name] = subprocess.Popen(
                 [sys.executable, *map(str, command)],
@@ -74,7 +74,7 @@ class Nodes:
         return self._folder / f"{name}.log"
 
     def wait_for(self, name: str) -> str:
-        """What a process said till it ended; an error when one of them fails meanwhile."""
+        """Standard output of a process, once it has ended; an error when one of them fails meanwhile."""
         process = self._running[name]
         while process.poll() is None:
             self.check()
@@ -86,8 +86,10 @@ class Nodes:
         """Raise InsNavError when a process has failed."""
         for name, process in self._running.items():
             if process.poll():
-                said = self.log(name).read_text().strip().splitlines()
-                raise InsNavError(f"{name} ended with code {process.returncode}: {said[-1] if said else 'see above'}")
+                output = self.log(name).read_text().strip().splitlines()
+                raise InsNavError(
+                    f"{name} ended with code {process.returncode}: {output[-1] if output else 'see above'}"
+                )
 
 
 def navigate(
@@ -132,10 +134,10 @@ def navigate(
         _wait_until_ready(running, recorder)
         player = ("-m", "ins_nav.nodes.bag_player", bag, "-r", rate, "--topics", *topics)
         running.start("bag_player", *player, shows=True)
-        said = running.wait_for("bag_player")
-        published = re.search(r"/imu/data_raw (\d+)", said)
+        output = running.wait_for("bag_player")
+        published = re.search(r"/imu/data_raw (\d+)", output)
         if not published:
-            raise InsNavError(f"bag_player played no imu/data_raw: {said.strip()}")
+            raise InsNavError(f"bag_player played no imu/data_raw: {output.strip()}")
         _pipe(recorder.stdin).close()
         result = json.loads(running.wait_for("recorder"))
     return int(published[1]), result["latency_ms"]

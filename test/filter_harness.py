@@ -47,7 +47,7 @@ def bench(surge: float = 0.0) -> Trajectory:
 
 
 def difference(computed: nav_state.NavState, true: nav_state.NavState) -> Array:
-    """The error state between two solutions, by rotations alone: nothing of the model or of `apply` is used."""
+    """The error state between two solutions, by rotations alone, independent of the model and of `apply`."""
     q = [(Rotation.from_quat(s[0:4]), Rotation.from_quat(s[7:11])) for s in (computed, true)]
     x = np.zeros(SIZE)
     turn = (q[1][1].inv() * q[0][1]).as_rotvec()  # computed n from the true one; its vertical part is azimuth alone

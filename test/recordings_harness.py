@@ -34,7 +34,7 @@ def write_bag(path: Path, messages: int) -> None:
 
 
 def read(path: Path) -> tuple[list[RawMessage], str]:
-    """All that can be read, and what the reader says of damage."""
+    """All readable messages, and the damage that the reader names."""
     found = []
     with BagReader(path) as bag:
         try:

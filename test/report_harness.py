@@ -67,7 +67,7 @@ def write(
 
 
 def write_bags(folder: Path) -> Path:
-    """Truth at 4 Hz between the stamps of a result at 10 Hz that is off by known amounts from 10 s on."""
+    """Truth at 4 Hz between the stamps of a result at 10 Hz with known errors from 10 s on."""
     write(folder / "truth", TRUTH, np.arange(0.03, 100.0, 0.25))
     write(
         folder / "result",

@@ -41,7 +41,7 @@ EXACT: dict[str, Any] = {
 
 @functools.cache
 def swimmer() -> EarthMotion:
-    """Something that turns about all axes while it goes on, 20 m below the ellipsoid."""
+    """A body that turns about all axes under way, 20 m below the ellipsoid."""
     motion = Motion(
         60.0,
         speed=constant(1.5) + sinusoid(0.3, 13.0),

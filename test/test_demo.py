@@ -13,8 +13,8 @@ ROOT = Path(ins_nav.__file__).parents[1]
 
 
 @needs_ros
-def test_demo_loses_nothing_and_makes_its_figure(tmp_path):
-    # 8 times real time: 13 s; the node's queue holds 1.25 s of it, for a machine with other things to do
+def test_demo_loses_no_sample_and_draws_its_figure(tmp_path):
+    # 8 times real time: 13 s; the node's queue holds 1.25 s of it, for a loaded machine
     command = [sys.executable, ROOT / "demo" / "run.py", "--quick", "--rate", "8", "-o", tmp_path]
     environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])}
     demo = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120)

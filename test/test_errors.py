@@ -29,7 +29,7 @@ def test_other_errors_keep_their_traceback() -> None:
 
 
 @pytest.mark.parametrize("number", ENDING_SIGNALS)
-def test_the_first_signal_ends_a_command_and_later_ones_do_not_disturb_it(number: signal.Signals) -> None:
+def test_the_first_signal_ends_a_command_and_later_ones_are_ignored(number: signal.Signals) -> None:
     closed = []
 
     @for_people("ins_x")

@@ -1,4 +1,4 @@
-"""Events are counted all, reported once in 10 s of data."""
+"""All events are counted, and reported once in 10 s of data."""
 
 from ins_nav.event_log import ERROR, INFO, WARN, EventLog, Report
 

@@ -1,4 +1,4 @@
-"""The tests mirror the package, and every folder says what it is for."""
+"""The tests mirror the package, and every folder states its purpose."""
 
 import ast
 import configparser
@@ -23,7 +23,7 @@ def test_a_module_has_at_most_500_lines(module: Path) -> None:
 
 
 @pytest.mark.parametrize("module", [m for m in MODULES if m.name == "__init__.py"], ids=str)
-def test_a_folder_says_what_it_is_for(module: Path) -> None:
+def test_a_folder_states_its_purpose(module: Path) -> None:
     assert ast.get_docstring(ast.parse((ROOT / "ins_nav" / module).read_text()))
 
 

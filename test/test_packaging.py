@@ -1,4 +1,4 @@
-"""package.xml, setup.py and the source agree, and colcon builds what `ros2 run` looks for."""
+"""package.xml, setup.py and the source agree, and colcon builds the executables for `ros2 run`."""
 
 import ast
 import os
@@ -18,9 +18,9 @@ import setuptools
 import ins_nav
 
 ROOT = Path(__file__).resolve().parents[1]
-# Modules and projects whose rosdep key is not python3-NAME. Some are rosbags' own requirements and come with it.
+# Modules and projects whose rosdep key is not python3-NAME. Some are requirements of rosbags.
 KEYS = {"pyyaml": "python3-yaml"} | dict.fromkeys(("rosbags", "apsw", "backports", "lz4"), "python3-rosbags-pip")
-# Imported where it is installed, done without where it is not.
+# Optional imports.
 OPTIONAL = {"tf2_msgs"}
 
 
@@ -50,7 +50,7 @@ def test_manifest_setup_and_module_agree() -> None:
     assert (person.text, person.get("email")) == (setup["maintainer"], setup["maintainer_email"])
 
 
-def test_manifest_and_setup_ask_for_the_same_projects() -> None:
+def test_manifest_and_setup_require_the_same_projects() -> None:
     from_rosdep = {e.text for e in manifest().iter("exec_depend") if (e.text or "").startswith("python3-")}
     from_pypi = {re.split(r"[^\w.-]", requirement)[0] for requirement in setup_arguments()["install_requires"]}
     assert from_rosdep == {KEYS.get(name, f"python3-{name}") for name in from_pypi}

@@ -19,7 +19,7 @@ DATA = Path(__file__).parents[2] / "shared" / "data"
 def _recording(name: str) -> Path:
     path = DATA / name
     if not path.is_dir():
-        pytest.skip(f"recording {name} is not there")
+        pytest.skip(f"recording {name} is missing")
     return path
 
 
@@ -37,11 +37,11 @@ def _messages(name: str, seconds: float = math.inf) -> list[tuple[str, Any]]:
 
 
 class Run:
-    """A navigator fed with a recording; what it said, and how far it was from each fix once it navigated."""
+    """A navigator fed with a recording: its reports, and its distance from each fix once it navigates."""
 
     def __init__(self, name: str, seconds: float = math.inf, **parameters: Any) -> None:
         self.navigator = Ins({key.replace("__", "."): value for key, value in parameters.items()})
-        self.said: list[str] = []
+        self.reports: list[str] = []
         self.aligned_heading = math.nan
         self.distances: list[float] = []
         n = self.navigator
@@ -53,7 +53,7 @@ class Run:
                 assert n.state is not None
                 yaw = attitude.to_euler(nav_state.geodetic(n.state).q_gb)[2]
                 self.aligned_heading = math.degrees(attitude.heading_from_yaw(yaw))
-        self.said += [report.text for report in n.events.drain()]
+        self.reports += [report.text for report in n.events.drain()]
 
     def _compare(self, fix: Any) -> None:
         state = self.navigator.state
@@ -77,15 +77,15 @@ def test_vehicle_with_ring_laser_gyros() -> None:
     assert run.aligned_heading == pytest.approx(2.45, abs=0.3)
     assert abs(run.aligned_heading - 2.45) < 3.0 * run.heading_stddev < 1.5
     assert len(run.distances) > 60
-    # required: 10 m; 4.0 m measured, of which fixes are good to 2 m
+    # required: 10 m; 4.0 m measured, with fixes of 2 m
     assert max(run.distances) < 10.0
     assert run.navigator.events.counts.get("restarts", 0) == 0
 
 
 def test_car_with_tactical_gyros_at_10_hz() -> None:
-    """The first stop; gyro biases of 0.5 deg/h are real: named as uncertain, sigma covers them."""
+    """The first stop; gyro biases of 0.5 deg/h are real: sigma covers them."""
     run = Run("kingston_a", 510.0, alignment__duration=480.0, imu__gyro_bias_stddev_deg_per_hour=1.0)
-    assert run.navigator.phase is Phase.NAVIGATING, run.said
+    assert run.navigator.phase is Phase.NAVIGATING, run.reports
     assert abs(math.remainder(run.aligned_heading - 199.8, 360.0)) < 3.0 * run.heading_stddev
     # 1 deg/h of 10.8 deg/h at this latitude is 5.3°; 202.1° (sigma 5.2°) measured
     assert run.heading_stddev < 7.0
@@ -101,7 +101,7 @@ def test_car_with_known_gyro_biases() -> None:
 
 
 def test_underwater_vehicle_with_mems_gyros() -> None:
-    """Stamps that jitter and gyros that cannot find north: with a heading given it runs to the end."""
+    """Stamps that jitter and gyros that cannot find north: with a given heading it navigates to the end."""
     run = Run(
         "auv_pool",
         initial__heading_deg=0.0,
@@ -110,7 +110,7 @@ def test_underwater_vehicle_with_mems_gyros() -> None:
         initial__height=250.0,
     )
     n = run.navigator
-    assert n.phase is Phase.NAVIGATING, run.said
+    assert n.phase is Phase.NAVIGATING, run.reports
     assert n.state is not None and all(math.isfinite(x) for x in n.state)
     assert math.hypot(*n.state[0:4]) == pytest.approx(1.0, abs=1e-12)
     assert n.stream.received - n.stream.accepted <= 5
@@ -119,7 +119,7 @@ def test_underwater_vehicle_with_mems_gyros() -> None:
     assert math.hypot(*n.map.position(n.state)) < 2000.0
 
 
-def test_mems_gyros_are_told_that_they_cannot_find_north() -> None:
+def test_mems_gyros_that_cannot_find_north_are_reported() -> None:
     run = Run("auv_pool", initial__latitude_deg=42.3, initial__longitude_deg=-83.7, initial__height=250.0)
     assert run.navigator.state is None
-    assert any("give initial.heading_deg" in line or "moved off" in line for line in run.said), run.said
+    assert any("give initial.heading_deg" in line or "moved off" in line for line in run.reports), run.reports

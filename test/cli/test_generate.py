@@ -26,7 +26,7 @@ def test_every_parameter_is_in_the_page_and_every_topic_in_the_readme() -> None:
         assert f"| `{kind.TOPIC}` |" in readme
 
 
-def test_parameter_file_is_what_ros_reads() -> None:
+def test_ros_reads_the_parameter_file() -> None:
     rows = [
         Parameter("a.way", "x", "which way", choices=("x", "y")),
         Parameter("a.arm", [0.0, 1e-4, 2.0], "where, m"),

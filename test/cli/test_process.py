@@ -49,11 +49,11 @@ def test_result_agrees_with_the_truth_in_every_field(drive: Path, tmp_path: Path
     odometry, imu, fix = (series(out, t) for t in ("odometry", "imu/data", "fix"))
     true_odometry, true_imu, true_fix = (series(drive, t) for t in ("truth/odometry", "truth/imu", "truth/fix"))
     common = sorted(odometry.keys() & true_odometry.keys())
-    # the alignment has the odd sample more than 30 s; all samples after it are there, and all truths among them
+    # the alignment has a sample or two more than 30 s; all samples after it have solutions, and so all truths
     assert len(odometry) >= 5998 and len(common) >= 599
     assert odometry.keys() == imu.keys() == fix.keys()
-    # Perfect sensors at 100 Hz: 0.01 mm measured. Alignment, the two-sample algorithm and the velocity held at zero
-    # until shortly before the start have their part in it.
+    # Perfect sensors at 100 Hz: 0.01 mm measured, by alignment, the two-sample algorithm and the zero velocity until
+    # shortly before the start.
     for stamp in common:
         o, t = odometry[stamp], true_odometry[stamp]
         assert (o.header.frame_id, o.child_frame_id) == ("map", "base_link")
@@ -121,7 +121,7 @@ def test_dumps_of_nodes_in_a_namespace(drive: Path, tmp_path: Path, capfd: pytes
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "output"),
     [
         (["--param", "aligment.duration:=30"], "unknown parameter aligment.duration: did you mean alignment.duration?"),
         (["--param", "alignment.duration:=-1"], "parameter alignment.duration: -1 is outside [5, 3600]"),
@@ -140,11 +140,11 @@ def test_dumps_of_nodes_in_a_namespace(drive: Path, tmp_path: Path, capfd: pytes
     ],
 )
 def test_errors_are_one_line(
-    drive: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str], arguments: list[str], said: str
+    drive: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str], arguments: list[str], output: str
 ) -> None:
     assert main([str(drive), "-o", str(tmp_path / "out"), *arguments]) == 1
     lines = [line for line in capfd.readouterr().err.splitlines() if line.startswith("ins_process: ")]
-    assert len(lines) == 1 and said in lines[0]
+    assert len(lines) == 1 and output in lines[0]
 
 
 def test_damaged_recording_is_used_as_far_as_it_goes(
@@ -176,7 +176,7 @@ class Signalled(BagWriter):
         super().write_raw(*arguments)
 
 main.__wrapped__.__globals__["BagWriter"] = Signalled
-for number in {0}:  # a process started in the background inherits them ignored
+for number in {0}:  # a process started in the background inherits them as ignored
     signal.signal(number, signal.SIG_DFL)
 sys.exit(main(sys.argv[1:]))
 """
@@ -200,7 +200,7 @@ def test_a_signal_ends_the_bag_in_order(drive: Path, tmp_path: Path, numbers: tu
         assert len(list(reader.messages())) == sum(topic.count for topic in reader.topics.values()) == 3000
 
 
-def test_no_position_says_so(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_no_position_is_reported(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     bag = tmp_path / "bag"
     simulation = simulate("static", 1, duration=8.0, rate=50.0, **{"imu.preset": "perfect"})
     with BagWriter(bag) as writer:
@@ -213,8 +213,8 @@ def test_no_position_says_so(tmp_path: Path, capfd: pytest.CaptureFixture[str]) 
             sample.linear_acceleration.x, sample.linear_acceleration.y, sample.linear_acceleration.z = f
             writer.write("imu/data_raw", "sensor_msgs/msg/Imu", sample, stamp)
     assert main([str(bag), "-o", str(tmp_path / "out"), "--param", "alignment.duration:=5"]) == 1
-    said = capfd.readouterr().err
-    assert "alignment has its data but no position" in said and "the bag has no valid gnss/fix" in said
+    output = capfd.readouterr().err
+    assert "alignment has its data but no position" in output and "the bag has no valid gnss/fix" in output
 
 
 def test_recording_is_never_overwritten_by_its_result(drive: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -224,10 +224,8 @@ def test_recording_is_never_overwritten_by_its_result(drive: Path, capsys: pytes
     assert sorted(drive.iterdir()) == before
 
 
-def test_stops_are_told_services_called_and_a_loop_starts_again(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
-    """Stands for 20 s, turns for 10 s, stands for 20 s; at first it is broken off in the turn and begins again."""
+def test_stops_services_and_the_restart_of_a_loop(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    """Stands for 20 s, turns for 10 s, stands for 20 s; the first time it ends in the turn and restarts."""
     stops = {"first_stop": 20.0, "turn_time": 10.0, "second_stop": 20.0, "duration": 50.0, "truth.rate": 1.0}
     once, looped, out = (tmp_path / name for name in ("once", "looped", "out"))
     write_bag(simulate("zupt1_two_positions", 3, rate=50.0, **stops), once)
@@ -240,10 +238,10 @@ def test_stops_are_told_services_called_and_a_loop_starts_again(
     settings = ("initial.heading_deg:=45", "alignment.level_duration:=5", "stop_detector.zupt1_after:=15")
     two = ("--nodes", "ins_node", "stop_detector_node")
     assert main([str(looped), "-o", str(out), *two, *(word for text in settings for word in ("--param", text))]) == 0
-    said = [line for line in capfd.readouterr().err.splitlines() if line.startswith(("[info] zupt", "[warn"))]
+    output = [line for line in capfd.readouterr().err.splitlines() if line.startswith(("[info] zupt", "[warn"))]
     kept, found = "[info] zupt1: position 1 recorded", "[info] zupt1: gyro drifts in °/h"
-    told = [next((text for text in (kept, "starting again", found) if text in line), line) for line in said]
-    assert told == [kept, "starting again", kept, found]
+    events = [next((text for text in (kept, "starting again", found) if text in line), line) for line in output]
+    assert events == [kept, "starting again", kept, found]
     with BagReader(out) as reader:
         assert reader.topics["/stopped"].latched
         stopped = [reader.deserialize(raw).data for raw in reader.messages(["stopped"])]

@@ -21,14 +21,14 @@ def png_size(path: Path) -> tuple[int, ...]:
     return struct.unpack(">II", content[16:24])
 
 
-def test_command_makes_figure_and_table(bags, tmp_path, capsys):
+def test_command_writes_figure_and_table(bags, tmp_path, capsys):
     picture = tmp_path / "picture.png"
     arguments = [bags / "result", bags / "plain", "--reference", bags / "truth", "-o", picture, "--table"]
     assert main(list(map(str, arguments))) == 0
-    said = capsys.readouterr().out
-    assert "against /truth/fix" in said
-    assert "+0.5000 (sigma" in said
-    assert said.endswith(f"{picture}\n")
+    output = capsys.readouterr().out
+    assert "against /truth/fix" in output
+    assert "+0.5000 (sigma" in output
+    assert output.endswith(f"{picture}\n")
     assert png_size(picture) == (1600, 1000)
 
 
@@ -44,9 +44,9 @@ def test_damaged_bag_is_read_as_far_as_it_goes(bags, tmp_path, capsys):
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(content[: len(content) // 2])
     assert main([str(cut), "--reference", str(bags / "truth")]) == 0
-    said = capsys.readouterr()
-    assert "is damaged" in said.err
-    assert "+0.5000 (sigma" in said.out
+    output = capsys.readouterr()
+    assert "is damaged" in output.err
+    assert "+0.5000 (sigma" in output.out
 
 
 @pytest.mark.parametrize(
@@ -68,7 +68,7 @@ def test_bad_input_is_one_line(bags, capsys, monkeypatch, arguments, complaint):
     if "early" in arguments and not Path("early").exists():
         write(Path("early"), TRUTH, np.arange(0.0, 5.0, 0.5))
     assert main(arguments) == 1
-    said = capsys.readouterr().err
-    assert said.startswith("ins_report: ")
-    assert complaint in said
-    assert said.count("\n") == 1
+    output = capsys.readouterr().err
+    assert output.startswith("ins_report: ")
+    assert complaint in output
+    assert output.count("\n") == 1

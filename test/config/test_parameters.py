@@ -24,7 +24,7 @@ def _refusal(**overrides: Any) -> str:
     return str(caught.value)
 
 
-def test_defaults_satisfy_their_own_rules() -> None:
+def test_defaults_are_valid() -> None:
     values = configuration().values
     assert set(values) == {parameter.name for parameter in table()}
     for parameter in table():
@@ -44,7 +44,7 @@ def test_unknown_names_get_a_suggestion() -> None:
     assert message.startswith("unknown parameter xyzzy; known: imu.sampling, ")
 
 
-def test_values_take_the_type_of_the_default() -> None:
+def test_values_have_the_type_of_the_default() -> None:
     given = {"alignment.duration": 90, "imu.mounting_rpy_deg": (180, 0, 0.5), "zupt.zero_velocity": False}
     values = _checked(given)
     assert isinstance(values["alignment.duration"], float) and values["alignment.duration"] == 90.0
@@ -91,7 +91,7 @@ def test_infinity_is_no_value() -> None:
     assert "inf" in _refusal(imu__gyro_bias_stddev_deg_per_hour=math.inf)
 
 
-def test_position_is_given_as_a_whole() -> None:
+def test_position_is_given_completely_or_not_at_all() -> None:
     whole = {"initial.latitude_deg": 1.0, "initial.longitude_deg": 2.0, "initial.height": 3.0}
     _checked(whole)
     for missing in whole:
@@ -161,13 +161,13 @@ def test_a_later_node_overrides_an_earlier_one(tmp_path: Path) -> None:
     assert read_file(path, "ins_node", "alignment_node") == {"imu.max_gap": 2.0}
 
 
-def test_what_ros2_param_dump_writes(tmp_path: Path) -> None:
+def test_output_of_ros2_param_dump(tmp_path: Path) -> None:
     read = read_file(_file(tmp_path, DUMP), "ins_node")
     assert list(read) == ["alignment.duration", "initial.heading_deg", "state_file"]
     assert _checked(read)["alignment.duration"] == 30.0
 
 
-def test_the_configuration_that_is_shipped() -> None:
+def test_shipped_configurations() -> None:
     folder = Path(__file__).parents[2] / "config"
     for path in sorted(folder.glob("*.yaml")):
         assert configuration(read_file(path, "ins_node")).warnings == ()

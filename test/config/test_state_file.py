@@ -1,4 +1,4 @@
-"""The file from one start to the next: what is written is read, what is damaged is told."""
+"""The state file: saved values are read, damage is reported."""
 
 import math
 from pathlib import Path
@@ -21,7 +21,7 @@ POSE = Pose(55.7, 37.6, 150.5, 123.4, 2.5, 1_700_000_000.25)
 BIASES: dict[str, Value] = {"imu.gyro_bias_deg_per_hour": [0.1, -0.2, 0.3], "imu.accel_bias_mg": [0.01, 0.02, -0.03]}
 
 
-def test_what_is_saved_is_loaded(tmp_path: Path) -> None:
+def test_saved_values_are_loaded(tmp_path: Path) -> None:
     path = tmp_path / "state.yaml"
     log = LOG.calibration([(0.01, 1e-4), (0.002, 1e-3), (-0.003, 2e-3), (0.2, 0.1)])
     assert log["log.yaw_deg"] == pytest.approx(math.degrees(-0.003))
@@ -115,21 +115,23 @@ def test_a_start_reads_the_saved_values(tmp_path: Path) -> None:
     second = _fed(simulation, state_file=str(path))
     assert second.gyro_bias[0] == pytest.approx(1e-6) and second.configuration.values["log.scale"] == 0.01
     assert second.calibration == first.calibration  # to be saved again
-    # nobody said where it is: where it was
+    # no position by parameters or fixes: the saved one
     assert second.phase is Phase.NAVIGATING and second.covariance is not None
     assert 10.0 <= math.sqrt(second.covariance[0, 0]) < 10.5
-    said = [report.text for report in second.events.drain()]
-    assert said[0].startswith(f"state_file {path}: imu.gyro_bias_deg_per_hour, ") and "read, saved 2023-" in said[0]
-    assert "no gnss/fix by the end of alignment: the position in state_file is used" in said
+    reports = [report.text for report in second.events.drain()]
+    assert (
+        reports[0].startswith(f"state_file {path}: imu.gyro_bias_deg_per_hour, ") and "read, saved 2023-" in reports[0]
+    )
+    assert "no gnss/fix by the end of alignment: the position in state_file is used" in reports
 
 
-def test_a_damaged_file_is_told_and_left_alone(tmp_path: Path) -> None:
+def test_a_damaged_file_is_reported_and_not_used(tmp_path: Path) -> None:
     path = tmp_path / "state.yaml"
     path.write_text("/**: nothing")
     navigator = _fed(_stands(), state_file=str(path))
     assert navigator.gyro_bias == (0.0, 0.0, 0.0) and navigator.phase is Phase.COARSE
-    said = navigator.events.drain()[0].text
-    assert said.startswith(f"state_file {path}: ") and said.endswith("the file is not used; save again, or remove it")
+    text = navigator.events.drain()[0].text
+    assert text.startswith(f"state_file {path}: ") and text.endswith("the file is not used; save again, or remove it")
 
 
 def test_nothing_to_save(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ TRUE = np.array([0.1, -0.2, 0.3, 1.0, -2.0, 9.5])
 
 
 def check_readings(error: ImuError, states: ArrayLike, **simulated: tuple[float, ...]) -> None:
-    """States and parameters of the simulation that mean the same: equal readings, which the correction undoes."""
+    """Equal errors as states and as parameters of the simulation: equal readings, and the correction removes them."""
     sensors = SimulatedErrors(**simulated)  # type: ignore[arg-type]
     rate, _ = sensors.gyro.measure(TRUE[None, :3], 0.01, 0, "gyro")
     force, _ = sensors.accel.measure(TRUE[None, 3:], 0.01, 0, "accel")

@@ -1,4 +1,4 @@
-"""The covariance beside the solution is that of its errors: while driving, at stops, after them, and of the present."""
+"""The covariance of the solution is that of its errors: while driving, at stops, after them, at the present."""
 
 import functools
 import math
@@ -27,7 +27,7 @@ IDEAL = {
     for sensor in ("gyro", "accel")
     for name in ("scale_stddev_ppm", "misalignment_stddev_arcsec")
 }
-"""What the error model has no states for left out."""
+"""Without errors that have no states in the error model."""
 HEADING = math.radians(0.5)
 STATE = nav_state.initial_state(math.radians(55.7), math.radians(37.6), 150.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 NOISE = (6e-7, 1e-4)
@@ -54,7 +54,7 @@ def _error(n: Ins, s: Simulation, i: int) -> Array:
 
 
 def _run(s: Simulation, seed: int, times: tuple[float, ...], calls: tuple[float, ...] = ()) -> list[Row]:
-    """Place and heading given, wrong by their sigmas; ZUPT-1 called at some times."""
+    """Initial place and heading with errors of their sigmas; ZUPT-1 called at some times."""
     rng, p = np.random.default_rng(seed), s.parameters
     north, east = rng.normal(0.0, 1.0, 2) / 6.38e6
     heading = math.radians(p["heading_deg"]) + rng.normal(0.0, HEADING)
@@ -83,7 +83,7 @@ def _run(s: Simulation, seed: int, times: tuple[float, ...], calls: tuple[float,
 
 
 DRIVE = (20.0, 40.0, 60.0, 80.0, 100.0, 112.0, 122.0, 130.0, 150.0)
-"""At rest; drives from 24 s on; a stop from 110 s on, held from 114 s on; drives from 134 s on."""
+"""At rest; drives from 24 s on; a stop from 110 s on, detected from 114 s on; drives from 134 s on."""
 
 
 @functools.cache
@@ -127,7 +127,7 @@ def test_sigmas_of_a_drive_are_those_of_its_errors(look: int) -> None:
     assert 0.56 < _rms(runs, look, 0, 1) < 1.44
     assert 0.56 < _rms(runs, look, 6, 7) < 1.44
     assert 0.4 < _rms(runs, look, 8) < 1.6
-    # what a base stirs at rest is taken from aiding.stop_velocity_stddev until some seconds have shown that it is less
+    # the sway of a base at rest is aiding.stop_velocity_stddev until some seconds have measured that it is less
     assert (0.56 if time in (80.0, 100.0, 112.0, 150.0) else 0.0) < _rms(runs, look, 3, 4) < 1.44
 
 
@@ -149,7 +149,7 @@ def test_zupt1_shrinks_heading_and_drifts_and_stops_shrink_velocity() -> None:
         assert after[9:12].max() < before[9:12].max()
     for run in _drives():
         before, after = run[5].covariance.diagonal(), run[6].covariance.diagonal()
-        # the first seconds count with aiding.stop_velocity_stddev
+        # the first seconds have the sigma aiding.stop_velocity_stddev
         assert (after[3:5] < 0.4**2 * before[3:5]).all()
 
 
@@ -204,7 +204,7 @@ def _filter(covariance: Array, **parameters: object) -> ErrorFilter:
     return filter_of(error_model(configuration({"navigation.vertical_channel": True, **parameters}), NOISE), covariance)
 
 
-def test_a_filter_made_of_a_covariance_has_it() -> None:
+def test_a_filter_has_its_initial_covariance() -> None:
     p = _covariance()
     np.testing.assert_allclose(covariance_of(_filter(p)), p, rtol=1e-12)
 
@@ -213,7 +213,7 @@ def test_a_filter_made_of_a_covariance_has_it() -> None:
 def test_a_filter_of_an_unknown_heading(degrees: float) -> None:
     p = _covariance(math.radians(degrees))
     back = covariance_of(_filter(p))
-    # one angle, of at most the uniform one's sigma: small ones come back to the second order of the cosine
+    # one angle, of at most the sigma of a uniform one: small ones return to the second order of the cosine
     stddev = min(math.sqrt(p[8, 8]), math.pi / math.sqrt(3.0))
     assert math.sqrt(back[8, 8]) == pytest.approx(stddev, rel=0.5 if degrees < 100.0 else 1e-9)
     keep = [i for i in range(15) if i != 8]
@@ -222,7 +222,7 @@ def test_a_filter_of_an_unknown_heading(degrees: float) -> None:
     assert np.linalg.eigvalsh(back / np.outer(sigma, sigma))[0] > 0.0
 
 
-def test_noise_is_that_of_the_parameters_where_they_give_it() -> None:
+def test_noise_of_the_parameters_precedes_learnt_noise() -> None:
     given: dict[str, object] = {"imu.gyro_noise_deg_per_sqrt_hour": 0.06, "imu.accel_noise_ug_per_sqrt_hz": 100.0}
     learnt, known = (error_model(configuration(v), NOISE).noise(STATE, STATE, 2.0) for v in ({}, given))
     assert learnt[6, 6] == pytest.approx(2.0 * NOISE[0] ** 2) and learnt[3, 3] == pytest.approx(2.0 * NOISE[1] ** 2)
@@ -250,7 +250,7 @@ def _gone_on(accuracy: CovariancePropagation, seconds: float) -> CovariancePropa
 
 
 def test_a_correction_of_the_past_is_propagated_to_the_present() -> None:
-    """As if it had been applied at its stamp, whatever the propagation without it was."""
+    """As if it had been applied at its stamp, independent of the propagation before."""
     late, given = _gone_on(_begun(), 6.0), 0.25 * _covariance()
     late.rewind(3 * NS, STATE)
     late.replace(given)
@@ -284,7 +284,7 @@ def test_a_rewind_without_a_correction_changes_nothing() -> None:
 
 
 def test_a_correction_with_an_unknown_heading_opens_it() -> None:
-    """Its sigma stays that of an angle, whatever it was before."""
+    """Its sigma stays that of an angle, large or small before."""
     accuracy = _gone_on(_begun(), 6.0)
     accuracy.rewind(3 * NS, STATE)
     accuracy.replace(_covariance(math.radians(180.0)))

@@ -44,7 +44,7 @@ def nees(run: Run, second: int, states: list[int]) -> float:
 
 
 def test_paper_bench() -> None:
-    """Heading at the bound of theory after 300 s, and errors as large as the covariance says."""
+    """Heading at the theoretical bound after 300 s, and errors as large as their covariance."""
     errors, sizes = [], []
     for seed in range(12):
         run = Run(bench(), standing(), seed)
@@ -54,7 +54,7 @@ def test_paper_bench() -> None:
         errors.append(math.degrees(run.heading_error_now(300)))
         sizes.append(nees(run, 300, [0, 1, 3, 4, 6, 7, 8]))
         assert math.degrees(run.filter.heading_stddev) == pytest.approx(0.31, abs=0.01)  # the bound
-    # 12 runs tell an RMS to 20 %, the mean of chi-square with 7 degrees to 1.08: 2.5 of each
+    # by 12 runs an RMS is known to 20 %, the mean of chi-square with 7 degrees to 1.08: 2.5 of each
     assert np.sqrt(np.mean(np.square(errors))) < 0.31 * 1.5
     assert abs(np.mean(sizes) - 7.0) < 2.7
 
@@ -62,7 +62,7 @@ def test_paper_bench() -> None:
 @pytest.mark.parametrize("surge", [0.0, 1.0])
 @pytest.mark.parametrize("heading_error_deg", [0.0, 90.0, 180.0])
 def test_any_initial_heading(heading_error_deg: float, surge: float) -> None:
-    """Told 100°; a base that rocks, and one that surges by 1 m as well (more than GNSS is wrong by)."""
+    """Initial heading 100°; a base that rocks, and one that also surges by 1 m, more than the noise of GNSS."""
     for seed in range(2):
         start = {"stddev": (1.0, 0.3, math.radians(0.3)), "heading_stddev": math.radians(100.0)}
         run = Run(bench(surge), standing(), seed, heading_error=math.radians(heading_error_deg), **start)
@@ -71,13 +71,13 @@ def test_any_initial_heading(heading_error_deg: float, surge: float) -> None:
             run.gnss(second)
             sigma = run.filter.heading_stddev
             if second % 50 == 0:
-                assert abs(run.heading_error_now(second)) < 4.5 * sigma  # and never sure of a wrong one
+                assert abs(run.heading_error_now(second)) < 4.5 * sigma  # and never a wrong one with a small sigma
         assert math.degrees(sigma) < (0.5 if surge == 0.0 else 1.0)
 
 
 @pytest.mark.parametrize("heading_error_deg", [0.0, 120.0, 180.0])
 def test_alignment_while_driving(heading_error_deg: float) -> None:
-    """Gyros of 20 deg/h feel nothing of the Earth: heading comes from driving off, whatever it was thought to be."""
+    """Gyros of 20 deg/h do not measure the Earth: driving off observes heading, from any initial value."""
     biases = np.random.default_rng(5)
     model = ErrorModel(
         vertical=True,
@@ -103,7 +103,7 @@ def test_alignment_while_driving(heading_error_deg: float) -> None:
         assert run.gnss(second).accepted
         sigma = math.degrees(run.filter.heading_stddev)
         if second == 9:
-            assert sigma > 100.0  # standing, it must not believe to know
+            assert sigma > 100.0  # at rest, sigma must not fall
         if second == 20:
             assert sigma < 5.0
             assert abs(math.degrees(run.heading_error_now(20))) < 4.0 * sigma
@@ -160,7 +160,7 @@ def test_consistent_with_all_states() -> None:
 
 
 def test_height_without_vertical_channel() -> None:
-    """Height is a random walk of its own: GNSS moves it, and nothing else; vertical velocity stays zero."""
+    """Height is a random walk of its own: only GNSS corrects it; vertical velocity stays zero."""
     model = ErrorModel(vertical=False, gyro_noise=GYRO_NOISE, accel_noise=ACCEL_NOISE, height_walk=0.1)
     run = Run(bench(), model, 0)
     for second in range(1, 61):
@@ -179,8 +179,8 @@ def test_height_without_vertical_channel() -> None:
 
 
 @pytest.mark.parametrize("gamma", [0.3, 3.0])
-def test_feedback_takes_the_covariance_along(gamma: float) -> None:
-    """Draws of the true errors around an estimate; fed back, they spread as the covariance then says."""
+def test_feedback_transforms_the_covariance(gamma: float) -> None:
+    """Draws of the true errors around an estimate; after feedback their spread is the covariance."""
     rng = np.random.default_rng(0)
     model = ErrorModel(vertical=True, gyro_noise=0.0, accel_noise=0.0)
     flt = ErrorFilter(model, (3.0,) * 3, (0.1,) * 3, np.diag([1e-6, 4e-6, 1.0]))
@@ -205,7 +205,7 @@ def test_feedback_takes_the_covariance_along(gamma: float) -> None:
         found.append(difference(fed, model.apply(error, computed, ZERO, ZERO)[0])[:9])
     sigma = np.sqrt(np.diag(flt.p)[:9])
     spread = np.cov(np.array(found).T) / np.outer(sigma, sigma)
-    # 2000 draws tell correlations to 0.03; heading's square, 0.15² / 2, adds a little
+    # by 2000 draws correlations are known to 0.03; heading's square, 0.15² / 2, adds a little
     np.testing.assert_allclose(spread, flt.p[:9, :9] / np.outer(sigma, sigma), atol=0.1)
 
 
@@ -229,7 +229,7 @@ def test_heading_opens_and_closes() -> None:
 
 
 def test_covariance_stays_positive() -> None:
-    """From 1000 km to a millimetre in one update and back, hours of propagation, every aid's kind of row."""
+    """From 1000 km to a millimetre in one update and back, hours of propagation, rows as of every aid."""
     rng = np.random.default_rng(1)
     model = ErrorModel(
         vertical=True, gyro_noise=1e-7, accel_noise=1e-6, gyro_bias=SlowState(1e-7), accel_bias=SlowState(1e-4, 1e-8)
@@ -254,8 +254,8 @@ def test_covariance_stays_positive() -> None:
         assert np.linalg.eigvalsh(correlation).min() > -1e-9
 
 
-def test_biases_relax_to_where_they_started() -> None:
-    """Gauss-Markov: a correction fades with the correlation time; of a constant it stays."""
+def test_biases_relax_to_their_initial_values() -> None:
+    """Gauss-Markov: a correction decays with the correlation time; that of a constant stays."""
     model = standing(gyro_bias=SlowState(1e-5, 1e-7, 20.0), accel_bias=SlowState(0.1))
     own = (SlowState(1.0, 0.0, 20.0), SlowState(1.0))
     flt = ErrorFilter(model, (1.0,) * 3, (0.1,) * 3, 1e-6 * np.eye(3), {"own": own})
@@ -278,7 +278,7 @@ def bench_state() -> nav_state.NavState:
 
 
 def test_drift_from_a_stop_and_standing() -> None:
-    """Two aids without state of their own: biases known, velocity zero."""
+    """Two aids without states: biases known, velocity zero."""
     model = standing(gyro_bias=SlowState(DEG_PER_HOUR))
     run = Run(bench(), model, 0)
     run.state = (*run.state[:4], 0.1, 0.05, 0.0, *run.state[7:])
@@ -312,7 +312,7 @@ def test_admit_widens_what_a_measurement_outside_the_gate_measures(speed: float,
     rest = [i for i in range(len(before)) if not VELOCITY.start <= i < VELOCITY.stop]
     np.testing.assert_array_equal(filter_.p[np.ix_(rest, rest)], before[np.ix_(rest, rest)])
     if widened:
-        # until the normalized square is what is expected, or a step of the search beyond
+        # until the normalized square has its expectation, or a step of the search beyond
         assert filter_.p[VELOCITY.start, VELOCITY.start] > 5.0**2 / 3.0 / 1.1
         assert not filter_.admit(measurement)
     else:

@@ -32,7 +32,7 @@ FURTHER_NAMES = tuple(f"{kind.block} {component}" for kind in kinds() for compon
 ALL = SIZE + FURTHER.size
 INJECTED = (10.0,) * 3 + (0.1,) * 3 + (1e-4, 1e-4, 1e-3) + (1e-6,) * 3 + (1e-3,) * 3
 FURTHER_INJECTED = 1e-4
-"""m, m/s, rad, rad/s, m/s²; of the further errors ratios and rad. Each is a thousand times what rounding makes, and
+"""m, m/s, rad, rad/s, m/s²; of the further errors ratios and rad. Each is a thousand times the rounding error, and
 second order is small."""
 
 
@@ -146,13 +146,13 @@ def disagreement(found: Array, true: Array, vertical: bool) -> float:
 )
 @pytest.mark.parametrize("column", [*range(SOLUTION_SIZE), *range(SIZE, ALL)], ids=NAMES + FURTHER_NAMES)
 def test_every_column(kind: str, vertical: bool, column: int) -> None:
-    """The signs' judge: an error alone, five minutes of rocking and driving, model against mechanization."""
+    """Signs: a single error, five minutes of rocking and driving, model against mechanization."""
     if not vertical and column in (HEIGHT, VERTICAL_VELOCITY):
         return  # these are no states of the mechanization then
     x = np.zeros(ALL)
     x[column] = INJECTED[column] if column < SIZE else FURTHER_INJECTED
     _, end = grown(kind, vertical, x)
-    # what scale factors and misalignments do under rocking is its mean square: 0.1 s leave 4e-3 of that, 0.02 s 7e-4
+    # scale factors and misalignments act through the mean square of rocking: 0.1 s leave 4e-3 of that, 0.02 s 7e-4
     found = transition_of(kind, vertical, 10 if column < SIZE else 2) @ x
     # 6e-4 measured: height enters gravity's north component, which the model leaves out. The largest, 1.3e-3, is the
     # vertical accelerometer's bias without the vertical channel: it enters by rocking only, through second order
@@ -197,7 +197,7 @@ def surge() -> Drive:
 
 @pytest.mark.parametrize("heading_deg", [-60.0, 90.0, 180.0])
 def test_any_heading_error_is_linear(heading_deg: float) -> None:
-    """Surging and rocking: with sine and cosine as states the model follows a heading that is off by any angle."""
+    """Surging and rocking: with sine and cosine as states the model is linear in a heading error of any size."""
     d, x, inverse = surge(), np.zeros(SIZE), np.zeros(SIZE)
     gamma = math.radians(heading_deg)
     x[HEADING], x[COSINE] = math.sin(gamma), 1.0 - math.cos(gamma)
@@ -205,7 +205,7 @@ def test_any_heading_error_is_linear(heading_deg: float) -> None:
     start, *_ = model(True).apply(inverse, d.start, ZERO, ZERO)
     true, computed = (run(d, state, ZERO, ZERO, True) for state in (d.start, start))
     end = difference(tuple(computed[-1]), tuple(true[-1]))
-    # the model is linear about the true motion on the turned axes: where feedback keeps the solution
+    # the model is linear about the true motion on the turned axes: where feedback puts the solution
     turned = np.array([model(True).apply(inverse, tuple(state), ZERO, ZERO)[0] for state in true.tolist()])
     found = transition(turned, 10, True)[:, :SIZE] @ x
     # tilt grows to 1°, velocity error to 16 m/s; their squares are left out: 3.8e-3 measured at 180°, of height
@@ -213,8 +213,8 @@ def test_any_heading_error_is_linear(heading_deg: float) -> None:
 
 
 @given(st.lists(st.floats(-1.0, 1.0), min_size=8, max_size=8), st.floats(-3.14, 3.14), st.booleans())
-def test_correction_takes_the_error_out(numbers: list[float], gamma: float, vertical: bool) -> None:
-    """`apply` against `difference`, which knows nothing of it: any heading, finite tilts."""
+def test_correction_removes_the_error(numbers: list[float], gamma: float, vertical: bool) -> None:
+    """`apply` against the independent `difference`: any heading, finite tilts."""
     x = np.zeros(SIZE)
     x[:8] = np.multiply(numbers, [30.0, 30.0, 30.0, 2.0, 2.0, 2.0, 0.1, 0.1])
     x[HEADING], x[COSINE] = math.sin(gamma), 1.0 - math.cos(gamma)
@@ -241,7 +241,7 @@ def test_without_errors_nothing_changes() -> None:
     np.testing.assert_allclose(model(True).apply(np.zeros(SIZE), state, ZERO, ZERO)[0], state, atol=1e-15)
 
 
-def test_noise_is_what_samples_add() -> None:
+def test_process_noise_is_that_of_samples() -> None:
     """White noise in rate and specific force, flying: spread of 300 integrations against the covariance."""
     noise = ErrorModel(vertical=True, gyro_noise=1e-4, accel_noise=1e-2)
     rate, count = 20.0, 100
@@ -263,7 +263,7 @@ def test_noise_is_what_samples_add() -> None:
         p = phi @ (p + half) @ phi.T + half
     errors = np.array(found)[:, :9]
     sigma = np.sqrt(np.diag(p)[:9])
-    # 300 draws tell a standard deviation to 4 %, a correlation to 0.06: four of these
+    # by 300 draws a standard deviation is known to 4 %, a correlation to 0.06: four of these
     np.testing.assert_allclose(errors.std(axis=0) / sigma, 1.0, atol=0.16)
     np.testing.assert_allclose(
         errors.T @ errors / 300 / np.outer(sigma, sigma), (p[:9, :9] / np.outer(sigma, sigma)), atol=0.24
@@ -271,7 +271,7 @@ def test_noise_is_what_samples_add() -> None:
 
 
 def test_slow_states() -> None:
-    """A correlation time makes a bias forget, and its walk keeps it at the stationary size."""
+    """With a correlation time a bias decays, and its walk keeps it at the stationary size."""
     slow = SlowState(2e-6, 2e-6 * math.sqrt(2.0 / 50.0), 50.0)
     relaxing = ErrorModel(
         vertical=True, gyro_noise=0.0, accel_noise=0.0, gyro_bias=slow, accel_bias=SlowState(0.1, 0.01)

@@ -46,7 +46,7 @@ def test_absent_errors_have_no_states() -> None:
 
 
 def test_mean_reading() -> None:
-    """The states at the ends of an interval give back the samples between them."""
+    """The states at the ends of an interval determine the samples between them."""
     samples = np.array([[0.01, *TRUE[:3], *TRUE[3:]]] * 10)
     after = nav_state.NavState(*strapdown.integrate(STATE, tuple(samples[0]), samples)[-1].tolist())
     # the body turns by 0.04 rad within the interval: mean attitude is good to its square over 12 of 9.8 m/s²
@@ -84,7 +84,7 @@ def test_considered_errors_are_not_estimated() -> None:
 
 
 def test_estimated_errors_are_found() -> None:
-    """A joint update moves a block that is not considered, by its correlation with what is measured."""
+    """A joint update moves a block that is not considered, by its correlation with the measured states."""
     kinds_ = [kind(stddev=1e-4, estimated=True) for kind in kinds()]
     kalman = _filter(ImuErrors(kinds_))
     kalman.propagate(STATE, STATE, 10.0)
@@ -135,7 +135,7 @@ def _level_over_sigma(seed: int, modelled: ImuErrors) -> Array:
 
 
 def test_level_of_default_sensors() -> None:
-    """Scale factors and misalignments that are considered: the level's error is as large as its sigma says."""
+    """Scale factors and misalignments that are considered: the level's error is as large as its sigma."""
 
     def rms(factor: float, seeds: int) -> float:
         errors = ImuErrors([kind(stddev=factor * SIGMAS[kind.block]) for kind in kinds()])

@@ -14,7 +14,7 @@ from ins_nav.mechanization import nav_state
 
 
 def lost(seed: int) -> Run:
-    """A solution 3 km off, at 4 m/s, whose filter believes in 1 m and 0.05 m/s."""
+    """A solution with errors of 3 km and 4 m/s, and sigmas of 1 m and 0.05 m/s."""
     run = Run(bench(), standing(), seed, stddev=(1.0, 0.05, 1e-4), heading_stddev=math.radians(1.0))
     run.state = nav_state.corrected(run.state, (2400.0, -1800.0, 0.0), (3.0, -2.5, 0.0))
     return run
@@ -22,7 +22,7 @@ def lost(seed: int) -> Run:
 
 @pytest.mark.parametrize("accepted_before", [True, False])
 def test_jump_after_dead_reckoning(accepted_before: bool) -> None:
-    """Accepted within 10 fixes, position and velocity right soon after, level and heading left alone."""
+    """Accepted within 10 fixes, position and velocity right soon after, level and heading unchanged."""
     run = lost(0)
     if accepted_before:  # an hour ago
         right = Measurement(np.zeros(2), np.eye(2, SIZE), np.eye(2), POSITION)
@@ -42,7 +42,7 @@ def test_jump_after_dead_reckoning(accepted_before: bool) -> None:
     assert abs(math.degrees(run.heading_error_now(60))) < 4.0
 
 
-def test_reflected_signals_stay_out() -> None:
+def test_reflected_signals_are_rejected() -> None:
     """40 s of fixes 30 m off that agree with each other, after a minute of good ones."""
     run = Run(bench(), standing(), 3)
     for second in range(1, 151):
@@ -55,7 +55,7 @@ def test_reflected_signals_stay_out() -> None:
     assert PATIENCE > 40.0
 
 
-def test_lasting_jump_is_believed_after_patience() -> None:
+def test_a_lasting_jump_overrides_the_gate_after_the_time_out() -> None:
     run = Run(bench(), standing(), 3)
     accepted = []
     for second in range(1, 200):
@@ -66,7 +66,7 @@ def test_lasting_jump_is_believed_after_patience() -> None:
     assert all(accepted[round(60 + PATIENCE) - 1 :])
 
 
-def test_nonsense_is_never_believed() -> None:
+def test_inconsistent_fixes_are_never_accepted() -> None:
     """Fixes anywhere within 200 km, for 200 s: they do not agree, and none hits by chance."""
     run = Run(bench(), standing(), 4)
     for second in range(1, 201):
@@ -85,8 +85,8 @@ def test_gate_rejects_with_its_probability(gate: float) -> None:
     assert rejected / count == pytest.approx(gate, abs=4.0 * math.sqrt(gate / count))
 
 
-def test_noise_that_is_larger_than_it_says() -> None:
-    """Fixes with three times their sigma: believed that, and none is lost for long; outliers do not count as noise."""
+def test_noise_larger_than_its_covariance() -> None:
+    """Fixes with three times their sigma: estimated so, and accepted soon; outliers do not count as noise."""
     run, rng = Run(bench(), standing(), 3), np.random.default_rng(1)
     factors, accepted = [], 0
     for second in range(1, 201):
@@ -95,7 +95,7 @@ def test_noise_that_is_larger_than_it_says() -> None:
         factors.append(update.noise_factor)
         accepted += update.accepted
     assert 140 <= accepted <= 160  # four fifths of 200
-    # nine times the variance; the median of 41 is known to a third, and the filter's own part is in it
+    # nine times the variance; the median of 41 is known to a third, and contains the filter's part
     assert 4.0 < float(np.median(factors[50:])) < 14.0
     run = Run(bench(), standing(), 3)
     for second in range(1, 201):
@@ -103,8 +103,8 @@ def test_noise_that_is_larger_than_it_says() -> None:
         assert run.gnss(second).noise_factor == 1.0
 
 
-def test_a_filter_that_leaves_is_brought_back() -> None:
-    """A solution that runs off faster than its sigma says: long before patience ends."""
+def test_a_diverging_filter_is_corrected_before_the_time_out() -> None:
+    """A solution whose error grows faster than its sigma."""
     run = Run(bench(), standing(), 3)
     accepted = []
     for second in range(1, 121):

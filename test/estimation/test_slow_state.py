@@ -1,4 +1,4 @@
-"""A state that is not there has neither a prior nor a process noise."""
+"""An absent state has neither a prior nor a process noise."""
 
 import math
 

@@ -21,7 +21,7 @@ from ins_nav.recordings.bags import (
 )
 
 
-def test_what_was_written_is_read(whole: Path) -> None:
+def test_written_messages_are_read(whole: Path) -> None:
     with BagReader(whole) as bag:
         assert {name: (info.msgtype, info.count) for name, info in bag.topics.items()} == {
             "/imu/data_raw": (IMU, 9000),
@@ -36,7 +36,7 @@ def test_what_was_written_is_read(whole: Path) -> None:
         assert [bag.deserialize(raw).latitude for raw in fixes] == [89.0]
 
 
-def test_messages_of_all_topics_come_by_stamp(original: list[RawMessage]) -> None:
+def test_messages_of_all_topics_are_in_order_of_stamps(original: list[RawMessage]) -> None:
     stamps = [raw.stamp_ns for raw in original]
     assert stamps == sorted(stamps)
 
@@ -47,7 +47,7 @@ def test_other_tools_find_the_definitions(whole: Path) -> None:
         assert bag.deserialize(data, connection.msgtype).header.stamp.sec == stamp_ns // 10**9
 
 
-def test_latched_topics_are_told(tmp_path: Path) -> None:
+def test_latched_topics_are_marked(tmp_path: Path) -> None:
     with BagWriter(tmp_path / "bag") as bag:
         bag.add_topic("imu/bias", IMU, latched=True)
         bag.write("imu/bias", IMU, message(IMU), START_NS)
@@ -61,14 +61,14 @@ def test_latched_topics_are_told(tmp_path: Path) -> None:
     assert "transient_local" in (tmp_path / "bag" / "metadata.yaml").read_text()
 
 
-def test_every_type_of_the_store_can_be_made() -> None:
+def test_every_type_of_the_store_has_a_default_message() -> None:
     for msgtype in typestore().fielddefs:
         if "/msg/" in msgtype:
             data = typestore().serialize_cdr(message(msgtype), msgtype)
             assert typestore().serialize_cdr(typestore().deserialize_cdr(data, msgtype), msgtype) == data
 
 
-def test_wrong_type_and_field_names_are_told() -> None:
+def test_wrong_type_and_field_names_are_errors() -> None:
     with pytest.raises(InsNavError, match=r"sensor_msgs/msg/Imuu.*did you mean sensor_msgs/msg/Imu\?"):
         message("sensor_msgs/msg/Imuu")
     with pytest.raises(InsNavError, match=r"no field 'latitud' \(did you mean latitude\?\)"):
@@ -123,7 +123,7 @@ class TestOtherRecorders:
             (path / "metadata.yaml").unlink()
             assert read(path) == (messages, "")
 
-    def test_a_type_only_the_bag_knows(self, tmp_path: Path) -> None:
+    def test_a_type_defined_in_the_bag_only(self, tmp_path: Path) -> None:
         definition, msgtype = "float64 speed\nstring sensor\n", "some_msgs/msg/Speed"
         types = typestore().__class__()
         types.register(get_types_from_msg(definition, msgtype))
@@ -136,7 +136,7 @@ class TestOtherRecorders:
             assert (bag.deserialize(raw).speed, bag.deserialize(raw).sensor) == (1.5, "log")
 
     def test_unchunked_messages_a_little_out_of_order(self, original: list[RawMessage], tmp_path: Path) -> None:
-        """As `ros2 bag record` with the fastwrite preset makes them: no chunks, no index, order of arrival."""
+        """As `ros2 bag record` with the fastwrite preset writes them: no chunks, no index, order of arrival."""
         arrived = original[:50]
         arrived[20], arrived[21] = arrived[21], arrived[20]
         assert arrived[20].stamp_ns > arrived[21].stamp_ns
@@ -250,7 +250,7 @@ class TestWriter:
                 pass
         assert (home / "thesis.pdf").exists()
 
-    def test_an_exception_keeps_what_was_written(self, tmp_path: Path) -> None:
+    def test_written_messages_survive_an_exception(self, tmp_path: Path) -> None:
         with pytest.raises(KeyboardInterrupt), BagWriter(tmp_path / "bag") as bag:
             bag.write("imu/data", IMU, message(IMU), START_NS)
             raise KeyboardInterrupt
@@ -258,7 +258,7 @@ class TestWriter:
         assert len(messages) == 1
         assert not damage
 
-    def test_misuse_is_told(self, tmp_path: Path) -> None:
+    def test_misuse_is_an_error(self, tmp_path: Path) -> None:
         with BagWriter(tmp_path / "bag") as bag:
             bag.write("imu/data", IMU, message(IMU), START_NS)
             with pytest.raises(BagError, match="carries sensor_msgs/msg/Imu, not sensor_msgs/msg/NavSatFix"):

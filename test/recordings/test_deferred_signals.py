@@ -16,7 +16,7 @@ from ins_nav.recordings.bags import (
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_waits_until_the_message_is_complete(tmp_path: Path, number: int) -> None:
-    """The handler is called in the middle of the writer's own work, of which it sees nothing."""
+    """The signal arrives while the writer writes a message, which is complete when the handler runs."""
     written = []
 
     def handle(received: int, _frame: object) -> None:

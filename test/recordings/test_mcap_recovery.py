@@ -26,7 +26,7 @@ def test_cut_off(whole: Path, original: list[RawMessage], tmp_path: Path, with_m
     assert "cut off at byte" in damage
 
 
-def test_known_before_reading(whole: Path, tmp_path: Path) -> None:
+def test_damage_is_known_before_reading(whole: Path, tmp_path: Path) -> None:
     path = tmp_path / "cut.mcap"
     path.write_bytes(storage(whole).read_bytes()[:1_000_000])
     with BagReader(path) as bag:
@@ -79,7 +79,7 @@ def check_hole(content: bytearray, original: list[RawMessage], folder: Path, exp
     messages, damage = read(path)
     assert expected in damage
     assert messages[0] == original[0]
-    assert messages[-1] == original[-1]  # what lies behind the hole is there
+    assert messages[-1] == original[-1]  # messages behind the hole are read
     # one chunk of three at most is gone, and the message across which the hole begins is not detectable
     assert len(original) * 0.5 < len(messages) < len(original)
     assert len(set(messages) - set(original)) <= 1

@@ -12,15 +12,15 @@ def test_known_offsets_are_the_errors(off):
     _, _, errors = off
     assert errors.position.stamps_ns[0] == START_NS + 10_030_000_000
     assert len(errors.position.stamps_ns) == 320
-    # 1 mm: radii of curvature were taken at one latitude only
+    # 1 mm: the radii of curvature are those of one latitude
     np.testing.assert_allclose(errors.position.values, np.tile([3.0, -4.0, 2.0], (320, 1)), atol=1e-3)
-    # a turn at a constant rate is just what spherical interpolation gives: rounding is left, also across north
+    # spherical interpolation is exact for a constant rate: rounding only, also across north
     np.testing.assert_allclose(np.degrees(errors.attitude.values), np.tile([0.1, -0.2, 0.5], (320, 1)), atol=1e-9)
     # between samples the velocity is interpolated after its rotation, so rounding only
     np.testing.assert_allclose(errors.velocity.values, np.tile([0.3, 0.4, -0.5], (320, 1)), atol=1e-9)
 
 
-def test_sigmas_of_the_result_come_along(off, bags):
+def test_errors_have_the_sigmas_of_the_result(off, bags):
     _, _, errors = off
     np.testing.assert_allclose(errors.position.stddev, np.tile(RESULT_SIGMAS["enu"], (320, 1)), rtol=1e-12)
     plain = compare(read_result(bags / "plain", "plain"), read_reference(bags / "truth"))
@@ -37,7 +37,7 @@ def test_nothing_is_interpolated_across_a_gap(tmp_path, bags):
     assert seconds.max() > 49.0
 
 
-def test_positions_alone_will_do(tmp_path, bags):
+def test_a_reference_of_positions_only(tmp_path, bags):
     path = tmp_path / "gnss"
     write(path, ("gnss/fix", "other/imu", "other/velocity"), np.arange(0.0, 50.0, 1.0))
     reference = read_reference(path)

@@ -14,7 +14,7 @@ def test_sigmas_of_roll_and_pitch_turn_with_the_heading(tmp_path, heading_deg, r
         tmp_path / "bag", RESULT, np.arange(0.0, 1.0, 0.1), heading_deg=heading_deg, turn=0.0, sigmas=RESULT_SIGMAS
     )
     sigma = read_result(bag, "bag").attitude.stddev
-    # the nose is 2° down: roll grows by 1 / cos 2°, the heading takes tan 2° of the roll
+    # the nose is 2° down: roll grows by 1 / cos 2°, heading contains tan 2° of the roll
     expected = [roll / np.cos(np.radians(2.0)), pitch, np.hypot(3e-4, np.tan(np.radians(2.0)) * roll)]
     np.testing.assert_allclose(sigma, np.tile(expected, (10, 1)), rtol=1e-9)
 

@@ -55,7 +55,7 @@ def _velocity_by_difference(times: np.ndarray) -> np.ndarray:
 )
 def test_log_mounting(rpy_deg: tuple[float, float, float], expected: list[float]) -> None:
     log = measure(trajectory=_straight(), **{"log.mounting_rpy_deg": rpy_deg})["log"]
-    # a plane 20 m below the ellipsoid is level: what is left is its scale, 40 m / Earth's radius
+    # a plane 20 m below the ellipsoid is level but for its scale, 40 m / Earth's radius
     close(log.velocity, np.tile(expected, (101, 1)), atol=2e-5)
 
 
@@ -151,7 +151,7 @@ def test_depth_and_pressure() -> None:
 
 
 @pytest.mark.parametrize("name", ["depth", "pressure"])
-def test_a_gauge_errs_and_lies(name: str) -> None:
+def test_errors_and_a_fault_of_a_gauge(name: str) -> None:
     parameters: dict[str, Any] = {
         f"{name}.noise_stddev": 0.5,
         f"{name}.bias": 2.0,
@@ -163,9 +163,9 @@ def test_a_gauge_errs_and_lies(name: str) -> None:
     gauge, exact = measure(3, **parameters)[name], measure()[name]
     assert (gauge.stddev, exact.bias) == (0.5, 0.0)
     error = gauge.value - exact.value - gauge.bias
-    lies = (seconds_of(gauge.stamps_ns) >= 40.0) & (seconds_of(gauge.stamps_ns) < 50.0)
-    assert lies.sum() == 50
-    error[lies] -= 30.0
+    faulty = (seconds_of(gauge.stamps_ns) >= 40.0) & (seconds_of(gauge.stamps_ns) < 50.0)
+    assert faulty.sum() == 50
+    error[faulty] -= 30.0
     # 301 values: mean to 0.03, standard deviation to 4 %; four times that
     assert error.mean() == pytest.approx(0.0, abs=0.12)
     assert error.std() == pytest.approx(0.5, rel=0.17)
@@ -280,8 +280,8 @@ def test_gnss_is_lost_under_water() -> None:
     np.testing.assert_array_equal(some["gnss/fix"].lat, whole["gnss/fix"].lat[seen])  # the noise stays
 
 
-def test_the_filter_means_the_same() -> None:
-    """The filter's formulas at the true state: nothing is left of the innovation."""
+def test_the_filter_has_the_same_model() -> None:
+    """The filter's formulas at the true state: the innovation is zero."""
     rpy_deg = (10.0, -20.0, 30.0)
     mounted: dict[str, Any] = {"log.lever_arm": ARM, "log.mounting_rpy_deg": rpy_deg, "log.scale": 0.01}
     mounted |= {
@@ -366,7 +366,7 @@ def test_everything_repeats_from_its_seed() -> None:
         ({"beacon.names": "x, vessel"}, {"down"}),
     ],
 )
-def test_streams_are_apart(change: dict[str, Any], touched: set[str]) -> None:
+def test_streams_are_independent(change: dict[str, Any], touched: set[str]) -> None:
     before = measure(5, **NOISY)
     after = measure(5, **NOISY | change)
     if "range/x" in after:
@@ -376,7 +376,7 @@ def test_streams_are_apart(change: dict[str, Any], touched: set[str]) -> None:
         assert np.array_equal(values, changed[name]) == (name not in touched), name
 
 
-def test_outliers_do_not_touch_the_noise() -> None:
+def test_outliers_do_not_change_the_noise() -> None:
     plain, wrong = (measure(5, **NOISY | {"range.outlier_share": s})["range/vessel"] for s in (0.0, 0.3))
     np.testing.assert_array_equal(plain.distance[~wrong.outlier], wrong.distance[~wrong.outlier])
     fewer = measure(5, **NOISY)["range/vessel"]
@@ -384,7 +384,7 @@ def test_outliers_do_not_touch_the_noise() -> None:
     np.testing.assert_array_equal(fewer.distance[fewer.outlier], wrong.distance[fewer.outlier])
 
 
-def test_nothing_is_there_unless_asked_for() -> None:
+def test_aids_are_off_by_default() -> None:
     aids = simulate("static", duration=5.0).aids
     assert len(aids["gnss/fix"].lat) == 6
     assert not any(len(x.stamps_ns) for x in (aids["gnss/velocity"], aids["log"], aids["depth"], aids["pressure"]))

@@ -1,4 +1,4 @@
-"""The mission `auv_dive`: its path, its phases, what is measured when."""
+"""The mission `auv_dive`: path, phases, and the aids of each phase."""
 
 import functools
 import math
@@ -38,7 +38,7 @@ def test_dive_goes_down_and_comes_back() -> None:
     close(pitch[below], 0.0, atol=1e-9)
     diving = (t.time > 505.0) & (t.time < 560.0)  # the swell is gone
     close(pitch[diving], 12.0, atol=1e-6)  # bow down
-    # it goes where its bow points; the plane bends by 1e-4 rad
+    # it moves along its bow; the plane bends by 1e-4 rad
     v = body[np.flatnonzero(diving)].inv().apply(t.velocity_n[diving])
     close(v[:, 1:], 0.0, atol=1e-3)
 
@@ -99,7 +99,7 @@ def test_dive_aligns_in_swell_with_a_turn() -> None:
         ({"turn_start": 290.0}, "goes beyond alignment_time 300 s"),
     ],
 )
-def test_a_dive_that_cannot_be_is_explained(parameters: dict[str, Any], expected: str) -> None:
+def test_an_impossible_dive_is_explained(parameters: dict[str, Any], expected: str) -> None:
     with pytest.raises(InsNavError, match=expected):
         simulate("auv_dive", **DIVE, **parameters)
 

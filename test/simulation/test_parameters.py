@@ -1,4 +1,4 @@
-"""Parameters of a simulation: values as they are written, wrong ones explained."""
+"""Parameters of a simulation: values in any notation, errors for people."""
 
 import math
 from typing import Any

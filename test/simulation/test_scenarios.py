@@ -1,4 +1,4 @@
-"""Named scenarios: repeatable from a seed, with the motion their text promises."""
+"""Named scenarios: repeatable from a seed, with the motion of their text."""
 
 import math
 from typing import Any
@@ -60,17 +60,17 @@ def test_vehicle_drives_along_its_nose_and_stops() -> None:
     assert math.radians(0.5) < np.abs(roll).max() < math.radians(3.0)
 
 
-def test_vehicle_shakes_when_asked_to() -> None:
+def test_vehicle_shakes_by_its_parameters() -> None:
     shaking: dict[str, Any] = {"engine_amplitude": 1e-4, "people_amplitude_deg": 0.05, "imu.preset": "perfect"}
     s = simulate("vehicle", duration=130.0, **shaking)
-    # 1e-4 m at 25 Hz: 2.5 m/s² peak, 1.75 rms, less what averaging over 5 ms at 25 Hz takes (2.5 %)
+    # 1e-4 m at 25 Hz: 2.5 m/s² peak, 1.75 rms, less 2.5 % by averaging over 5 ms at 25 Hz
     assert s.linear_acceleration[: 100 * 200, 2].std() == pytest.approx(1.745 * 0.975, rel=0.01)
     roll = Rotation.from_quat(s.trajectory.q_nb).as_euler("ZYX", degrees=True)[:, 2]
     assert np.abs(roll[: 100 * 200]).max() == pytest.approx(0.05, rel=1e-3)
     assert np.abs(roll[119 * 200 + 1 : 120 * 200]).max() < 1e-12
 
 
-PAPER_DRIFT = [-1e-7, -1e-7, 1e-7]  # 1e-7 right, -1e-7 forward, 1e-7 up, taken to forward, left, up
+PAPER_DRIFT = [-1e-7, -1e-7, 1e-7]  # 1e-7 right, -1e-7 forward, 1e-7 up, on the axes forward, left, up
 
 
 @pytest.mark.parametrize(("name", "duration"), [("zupt2_stop", 600.0), ("zupt1_two_positions", 720.0)])
@@ -91,7 +91,7 @@ def test_zupt_scenarios_start_as_the_paper_does(name: str, duration: float) -> N
     np.testing.assert_allclose(s.gyro_bias, PAPER_DRIFT, rtol=1e-14)
 
 
-def test_a_preset_adds_to_a_scenarios_own_errors() -> None:
+def test_a_preset_adds_to_the_errors_of_a_scenario() -> None:
     preset: dict[str, Any] = {"imu.preset": "navigation", "duration": 1.0}
     drawn = simulate("static", 3, **preset).gyro_bias
     np.testing.assert_allclose(simulate("zupt2_stop", 3, **preset).gyro_bias, np.add(drawn, PAPER_DRIFT), rtol=1e-12)

@@ -66,7 +66,7 @@ def test_quantization_loses_nothing() -> None:
     assert np.abs(error).max() <= 0.5 * step * (1 + 1e-9)
 
 
-def test_streams_are_apart() -> None:
+def test_streams_are_independent() -> None:
     everything = PRESETS["tactical"]
     less = ImuErrors(gyro_noise_deg_per_sqrt_hour=0.1)
     only_noise = _still(less, n=1000)

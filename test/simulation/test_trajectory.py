@@ -1,4 +1,4 @@
-"""True motion over the ellipsoid, against differences of itself and an integrator that is not ours."""
+"""True motion over the ellipsoid, against its differences and an independent integrator."""
 
 import math
 
@@ -140,7 +140,7 @@ def test_increments_compose_to_the_attitude(on_earth: EarthMotion) -> None:
     earth_turn = Rotation.from_rotvec([0.0, 0.0, earth.RATE * DURATION])
     start, end = Rotation.from_quat(t.q_eb[0]), Rotation.from_quat(t.q_eb[-1])
     error = ((start * attitude).inv() * earth_turn * end).magnitude()
-    # measured 2e-11: the first interval, which has no compensation, and what two-sample coning leaves; both fall
+    # measured 2e-11: the first interval, which has no compensation, and the rest of two-sample coning; both fall
     # with the rate (1e-13 at 1000 Hz)
     assert error < 1e-10
 
@@ -181,7 +181,7 @@ def test_heading_and_tilt_have_the_signs_of_rep_103() -> None:
 
 
 def test_pyins_navigates_to_the_same_place() -> None:
-    """An integrator that is not ours, over our increments.
+    """An independent integrator over our increments.
 
     At ellipsoidal height 0, where its gravity (linear in height, without north component) is ours.
     """
@@ -210,7 +210,7 @@ def test_pyins_navigates_to_the_same_place() -> None:
     result = strapdown.Integrator(pd.Series(start)).integrate(strapdown.compute_increments_from_imu(imu, "increment"))
     last = result.iloc[-1]
     place = earth.geodetic_to_ecef(math.radians(last.lat), math.radians(last.lon), last.alt)
-    # what is left is pyins' own: trapezoid rule for the position at 200 Hz, its constants to 1e-12
+    # the rest is by pyins: trapezoid rule for the position at 200 Hz, its constants to 1e-12
     assert np.linalg.norm(place - t.position_e[-1]) < 1e-3
     close([last.VE, last.VN, -last.VD], t.velocity_n[-1], atol=1e-4)
     yaw = Rotation.from_quat(t.q_nb[-1]).as_euler("ZYX", degrees=True)[0]

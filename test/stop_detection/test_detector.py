@@ -19,7 +19,7 @@ from ins_nav.stop_detection.stop_limits import StopLimits
 
 @cache
 def city_stops() -> tuple[tuple[float, float], ...]:
-    """When the car of scenario vehicle, which stands for 30 s first, is slower than 0.05 m/s."""
+    """Times at which the car of scenario vehicle, which stands for 30 s first, is slower than 0.05 m/s."""
     true = simulate("vehicle", duration=280.0, stand_time=30.0, rate=20.0, **{"imu.preset": "perfect"}).trajectory
     still = np.linalg.norm(true.velocity_e, axis=1) < 0.05
     edges = np.flatnonzero(np.diff(np.concatenate([[0], still.astype(int), [0]])))
@@ -33,7 +33,7 @@ def city_stops() -> tuple[tuple[float, float], ...]:
 def test_city_drive(preset: str, rate: float, engine: float) -> None:
     """Engine running, people swaying the car at the start; no stop but the true ones, none missed.
 
-    The car of the simulation does not shake when it drives: velocity alone tells even driving from rest.
+    The car of the simulation does not shake when it drives: velocity alone distinguishes even driving from rest.
     """
     car = {"duration": 280.0, "stand_time": 30.0, "engine_amplitude": engine, "people_amplitude_deg": 0.2}
     found = run(samples(simulate("vehicle", 1, rate=rate, **car, **{"imu.preset": preset})))
@@ -43,7 +43,7 @@ def test_city_drive(preset: str, rate: float, engine: float) -> None:
         assert stop.began == pytest.approx(began, abs=0.5)
         assert stop.ended == pytest.approx(ended, abs=2.5)
         assert stop.revoked <= ended + 1.0  # the profile takes 0.7 s from 0.05 m/s to the 0.2 that end a stop
-    # swayed from the first sample on: told after 10 s; the others after the 2 s of stop.min_duration
+    # sway from the first sample on: detected after 10 s; the others after the 2 s of stop.min_duration
     assert found[0].declared < 10.5
     assert all(stop.declared - stop.began < 2.5 for stop in found[1:])
 
@@ -63,7 +63,7 @@ def test_swell() -> None:
     + [(10.0, 5.0, 90.0)],
 )
 def test_rocking_from_the_first_sample_on(amplitude: float, period: float, phase: float, preset: str) -> None:
-    """The first seconds of a slow rocking look like rest with a gyro bias, which must not be believed."""
+    """The first seconds of a slow rocking look like rest with a gyro bias, which must not become an estimate."""
     rocking = {"roll_amplitude_deg": amplitude, "pitch_amplitude_deg": amplitude, "pitch_phase_deg": phase}
     rocks = simulate(
         "rocking", 1, duration=60.0, rocking_time=70.0, rate=25.0, period=period, **rocking, **{"imu.preset": preset}
@@ -72,7 +72,7 @@ def test_rocking_from_the_first_sample_on(amplitude: float, period: float, phase
 
 
 def test_gaps() -> None:
-    """A long gap ends a stop at its last sample, a short one does not; a jump of the stamps begins again."""
+    """A long gap ends a stop at its last sample, a short one does not; a jump of the stamps restarts the detector."""
     standing = samples(simulate("static", 1, duration=30.0, rate=50.0))
     short = [m for i, m in enumerate(standing) if not 500 < i <= 530]
     assert [stop.ended > 29.0 for stop in run(short)] == [True]
@@ -89,35 +89,35 @@ def test_gaps() -> None:
     assert detector.stopped and detector.rest_ns == pytest.approx(9.98e9, abs=0.2e9)
 
 
-def test_noise_is_learnt_or_given() -> None:
+def test_noise_is_estimated_or_given() -> None:
     """0.3 °/√h and 150 µg/√Hz, over 0.1 s; learnt to a third (three axes, the least of some minutes)."""
     standing = samples(simulate("static", 1, duration=120.0, rate=50.0, **{"imu.preset": "mems"}))
     true = np.array([math.radians(0.3) / 60.0, 150e-6 * 9.80665]) / math.sqrt(0.1)
     learner = StopDetector()
     run(standing, learner)
     assert np.array(learner.noise) == pytest.approx(true, rel=0.35)
-    told = Configuration.from_overrides(
+    configured = Configuration.from_overrides(
         {"imu.gyro_noise_deg_per_sqrt_hour": 0.3, "imu.accel_noise_ug_per_sqrt_hz": 150.0}
     )
-    given = StopDetector(StopLimits.of(told.stop, told.imu))
+    given = StopDetector(StopLimits.of(configured.stop, configured.imu))
     run(standing[:500], given)
     assert np.array(given.noise) == pytest.approx(true)
 
 
 def test_noisy_imu_needs_its_noise_given() -> None:
-    """Ten times stop.vibration over 0.1 s: never still by default, found when it is told."""
+    """Ten times stop.vibration over 0.1 s: never still by default, stops found with the noise given."""
     noisy = {"imu.accel_noise_ug_per_sqrt_hz": 6000.0, "imu.gyro_noise_deg_per_sqrt_hour": 10.0}
     standing = samples(simulate("static", 1, duration=20.0, rate=50.0, **noisy))
     assert run(standing) == []
-    told = StopLimits(gyro_noise=math.radians(10.0) / 60.0, accel_noise=6000e-6 * 9.80665, false_alarm=1e-6)
-    assert [stop.declared < 6.0 for stop in run(standing, StopDetector(told))] == [True]
+    limits = StopLimits(gyro_noise=math.radians(10.0) / 60.0, accel_noise=6000e-6 * 9.80665, false_alarm=1e-6)
+    assert [stop.declared < 6.0 for stop in run(standing, StopDetector(limits))] == [True]
 
 
 def recording(name: str) -> dict[str, list[tuple[int, list[float]]]]:
     """IMU samples, and horizontal reference velocity where there is one."""
     path = Path(__file__).parents[3] / "shared" / "data" / name
     if not path.is_dir():
-        pytest.skip(f"recording {name} is not there")
+        pytest.skip(f"recording {name} is missing")
     found: dict[str, list[tuple[int, list[float]]]] = {}
     with BagReader(path) as bag:
         topics = [topic for topic in ("/imu/data_raw", "/reference/velocity") if topic in bag.topics]

@@ -12,7 +12,7 @@ from ins_nav.simulation.scenarios import simulate
 @pytest.mark.parametrize(("preset", "rate", "duration"), [("navigation", 100.0, 60.0), ("mems", 50.0, 20.0)])
 @pytest.mark.parametrize("start", [1.0, 4.0])
 def test_creep_is_not_a_stop(preset: str, rate: float, duration: float, start: float) -> None:
-    """0.3 m/s, perfectly even; as long as the sensors can tell: velocity of mems drifts by 0.1 m/s in half a minute."""
+    """0.3 m/s, perfectly even; while the sensors observe it: velocity of mems drifts by 0.1 m/s in half a minute."""
 
     def creep(route: Route) -> None:
         route.hold(40.0)
@@ -31,12 +31,12 @@ def test_creep_is_not_a_stop(preset: str, rate: float, duration: float, start: f
 @pytest.mark.parametrize("preset", ["perfect", "navigation", "tactical", "mems"])
 @pytest.mark.parametrize(
     ("speed", "change", "glide", "turn"),
-    # a short drive, a robot's, a tram's; then glides of which a stop must not be made, before and after a turn
+    # a short drive, a robot's, a tram's; then glides that are no stops, before and after a turn
     [(3.0, 5.0, 0.0, 120.0), (0.3, 4.0, 10.0, 90.0), (5.0, 10.0, 20.0, 90.0), (2.0, 6.0, 150.0, 0.0)]
     + [(12.0, 15.0, 100.0, -60.0)],
 )
 def test_smooth_drive(speed: float, change: float, glide: float, turn: float, preset: str) -> None:
-    """No shaking at all: velocity alone tells gliding from standing, also after a turn has mixed tilt and biases."""
+    """No shaking: velocity alone distinguishes gliding from standing, also after a turn has mixed tilt and biases."""
 
     def drive(route: Route) -> None:
         route.hold(60.0)

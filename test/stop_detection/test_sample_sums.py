@@ -1,4 +1,4 @@
-"""Sums over 0.1 s: what they are, and the detector over blocks of samples against one sample at a time."""
+"""Sums over 0.1 s: their values, and the detector over blocks of samples against one sample at a time."""
 
 import math
 
@@ -45,7 +45,7 @@ _RARE = st.sampled_from([0.0, -0.1, 0.15, 0.5, 3.0, math.nan])
 @settings(max_examples=20, deadline=None)  # the first example compiles
 @given(st.integers(1, 4000), st.dictionaries(st.integers(0, 3499), _RARE, max_size=4))
 def test_a_block_is_sample_after_sample(drive: np.ndarray, size: int, rare: dict[int, float]) -> None:
-    """With gaps, short and long, and intervals that are none: the same to the last bit."""
+    """With gaps, short and long, and invalid intervals: equal to the last bit."""
     samples = drive.copy()
     for row, interval in rare.items():
         samples[row, 0] = interval

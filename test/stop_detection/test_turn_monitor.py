@@ -1,4 +1,4 @@
-"""Turns of a carrier that stands: found, and told from swaying."""
+"""Turns of a carrier that stands: detected, and distinguished from swaying."""
 
 import math
 
@@ -18,7 +18,7 @@ from ins_nav.simulation.scenarios import simulate
     + [("mems", rate, 1.3) for rate in (50.0, 200.0)],
 )
 def test_turn_between_two_positions(preset: str, rate: float, late: float, radius: float) -> None:
-    """On the spot, or on a small circle: two stops, none of which has a part of the turn in it that could be seen."""
+    """On the spot, or on a small circle: two stops without any observable part of the turn."""
     stand = {"first_stop": 40.0, "second_stop": 30.0, "duration": 90.0, "turn_radius": radius}
     first, second = run(samples(simulate("zupt1_two_positions", 1, rate=rate, **stand, **{"imu.preset": preset})))
     assert first.began < 0.3
@@ -45,7 +45,7 @@ def test_slow_turn(preset: str, late: float) -> None:
 
 @pytest.mark.parametrize("preset", ["perfect", "tactical", "mems"])
 def test_tilt_on_the_spot(preset: str) -> None:
-    """Pitch goes to 20° in 20 s: told when it is still again, from 2 s before the smooth end on."""
+    """Pitch goes to 20° in 20 s: detected when it is still again, from 2 s before the smooth end on."""
     tilt = {"turn_radius": 0.0, "turn_deg": 0.0, "tilt_deg": 20.0, "first_stop": 40.0, "second_stop": 30.0}
     first, second = run(
         samples(simulate("zupt1_two_positions", 1, duration=90.0, rate=50.0, **tilt, **{"imu.preset": preset}))
@@ -83,5 +83,5 @@ def test_turning_on_the_spot_is_not_a_stop() -> None:
     turns = samples(driven(turntable, "navigation", 50.0))
     first, second = run(turns)
     assert first.revoked < 35.0 and second.declared > 80.0
-    # a detector that wakes up in the turn finds none
+    # a detector started in the turn finds no stop
     assert run([m for m in turns if 35.0 < (m[0] - scenarios.START_NS) * 1e-9 < 65.0]) == []

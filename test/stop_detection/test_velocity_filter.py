@@ -7,7 +7,7 @@ from ins_nav.simulation.motion import Route
 from ins_nav.simulation.scenarios import simulate
 
 
-def test_wrong_gyro_bias_is_forgotten() -> None:
+def test_a_wrong_gyro_bias_is_reset() -> None:
     """A gyro that jumps by 0.57°/s at a stop: velocity runs away, by g w t²/2 to 150 m/s within 55 s."""
     standing = samples(simulate("static", 1, duration=180.0, rate=25.0))
     jumps = [(stamp, [row[0] + (0.01 if i > 1500 else 0.0), *row[1:]]) for i, (stamp, row) in enumerate(standing)]
