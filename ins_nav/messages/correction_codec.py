@@ -31,7 +31,7 @@ _CORRECTION, _SOLUTION, _CALIBRATION = "correction 1", "solution 1", "calibratio
 _STATE = {"q_nb": slice(0, 4), "velocity": slice(4, 7), "q_en": slice(7, 11), "height": slice(11, 12)}
 """Parts of `NavState`."""
 _UNIT = 1e-6
-"""Of a unit quaternion's length: a hundred times what single precision would leave."""
+"""Of a unit quaternion's length: ten times what single precision leaves."""
 _HEIGHTS = -12e3, 1e6
 """m, ellipsoidal: from the deepest trench to the range of `initial.height`."""
 _MAGNITUDES = {"velocity": 1e4, "gyro_bias": 100.0, "accel_bias": 1e3, "imu_errors": 1.0}
@@ -39,8 +39,7 @@ _MAGNITUDES = {"velocity": 1e4, "gyro_bias": 100.0, "accel_bias": 1e3, "imu_erro
 _LARGEST_SIGMAS = ((POSITION, 2e7), (VELOCITY, 1e4), (ATTITUDE, 2.0 * math.pi), (GYRO_BIAS, 100.0), (ACCEL_BIAS, 1e3))
 """m: half the Earth's circumference, m/s, rad, rad/s, m/s²."""
 _SYMMETRIC, _SEMI_DEFINITE = 1e-9, 1e-6
-"""Of correlations: what rounding leaves of a symmetric matrix, and of an eigenvalue that is zero, with a margin of 100.
-"""
+"""Of correlations, where rounding leaves 1e-15."""
 
 
 def pack_correction(correction: Correction) -> NamedNumbers:
