@@ -48,15 +48,14 @@ MEMS: dict[str, object] = {
 }
 """For the unit of auv_pool; it floats, and is nowhere near still for alignment."""
 _POOL: dict[str, dict[str, object]] = {
-    "as its messages say": {},
+    "covariances of its messages": {},
     "its log wanders by 4 cm/s within 1 s, it shakes by 1 mg/√Hz": {
         "log.slow_stddev": 0.04,
         "log.slow_time": 1.0,
         "imu.accel_noise_ug_per_sqrt_hz": 1000.0,
     },
 }
-"""What is told of it besides: the log's covariance is that of white noise, which its differences from reading to
-reading are not."""
+"""Parameters: the log's covariance is that of white noise, but its differences between readings are correlated."""
 _OUTAGE, _OUTAGES = 60.0, 10
 _MOVES_OFF = 527.0
 """s, of kingston_a."""
@@ -239,14 +238,14 @@ def _city(bag: Path) -> Iterator[str]:
 
 
 def _pool(bag: Path) -> Iterator[str]:
-    """There is no reference: whether the run is stable, its innovations, and what the log alone makes of the way."""
-    rows = [row for name, told in _POOL.items() for row in _pool_rows(bag, name, told)]
+    """Without a reference: stability of the run, its innovations, and the distance from dead reckoning by the log."""
+    rows = [row for name, parameters in _POOL.items() for row in _pool_rows(bag, name, parameters)]
     head = ["accepted", "innovation / sigma, RMS", "correlation with the one before", "farthest from the start, m"]
-    head += ["at the end from what log and vertical gyro alone make, m", "own sigma, m"]
+    head += ["at the end, from dead reckoning by log and vertical gyro, m", "sigma, m"]
     yield table([f"{bag.name}, heading given", *head], rows)
 
 
-def _pool_rows(bag: Path, told_name: str, told: Mapping[str, object]) -> list[list[str]]:
+def _pool_rows(bag: Path, name_of_case: str, parameters: Mapping[str, object]) -> list[list[str]]:
     innovations: dict[str, list[tuple[bool, Array]]] = {"depth": [], "log": []}
 
     class Innovations(_Watched):
@@ -257,7 +256,7 @@ def _pool_rows(bag: Path, told_name: str, told: Mapping[str, object]) -> list[li
             innovations[name].append((last.accepted, np.array(last.innovation) / last.sigma))
             return accepted
 
-    system = Innovations(MEMS | told)
+    system = Innovations(MEMS | parameters)
     navigator, front_end = system.delayed, system.front_end
     yaw, stamp_ns, log_ns, alone, farthest = 0.0, 0, 0, np.zeros(2), 0.0
     with BagReader(bag) as reader:
@@ -291,7 +290,7 @@ def _pool_rows(bag: Path, told_name: str, told: Mapping[str, object]) -> list[li
         taken = np.array([size for accepted, size in every if accepted])
         alike = [np.corrcoef(taken[1:, i], taken[:-1, i])[0, 1] for i in range(taken.shape[1])]
         cells = [f"{len(taken)} of {len(every)}", f"{_rms(taken):.2f}", ", ".join(f"{x:.2f}" for x in alike)]
-        rows.append([f"{name}, {told_name}", *cells, f"{farthest:.2f}", f"{off:.2f}", f"{sigma:.2f}"])
+        rows.append([f"{name}, {name_of_case}", *cells, f"{farthest:.2f}", f"{off:.2f}", f"{sigma:.2f}"])
     return rows
 
 

@@ -1,7 +1,7 @@
-"""Coarse alignment on a rocking base: error of the heading, against its own sigma and against theory.
+"""Coarse alignment on a rocking base: error of the heading, against its sigma and the theoretical bound.
 
-A motion is simulated once, without errors; every seed begins at another phase of it and adds noise of its own. An
-irregular sea is another one for every seed.
+A motion is simulated once, without errors; every seed starts at another phase of it with other noise, and with
+another irregular sea.
 """
 
 import functools
@@ -31,7 +31,7 @@ _LATITUDES, _PERIODS = (0.0, 30.0, 55.7, 75.0), (5.0, 8.0, 12.0)
 _AMPLITUDE = 0.5
 _SWELL_RATE, _SWELL_LATITUDE, _SWELL_DURATIONS, _SWELL_PERIODS = 50.0, 55.7, (30.0, 60.0, 120.0), (8.0, 20.0)
 _LINES = 20
-"""Sinusoids that make an irregular sea."""
+"""Number of sinusoids of an irregular sea."""
 
 
 class Case(NamedTuple):
@@ -115,7 +115,7 @@ def bound(latitude_deg: float, height: float) -> float:
 
     Covariance of a Kalman filter at the rate of the samples. Its state is the misalignment about east, north and
     up, driven by the gyros' noise and turned by the Earth; it measures the horizontal specific force, which is
-    gravity times the level's error and the accelerometers' noise. Nothing is known before.
+    gravity times the level's error and the accelerometers' noise. There is no prior.
     """
     lat, dt = math.radians(latitude_deg), 1.0 / RATE
     gravity = float(earth.normal_gravity(math.sin(lat), height))
@@ -156,7 +156,7 @@ def _rocking(found: Array, least: float) -> str:
     degrees = [f"{math.degrees(x):.4f}" for x in (_rms(error), sigma.mean(), sigma.max(), least)]
     ratios = [f"{x / least:.2f}" for x in (_rms(error), sigma.mean(), sigma.max())]
     rows: list[Sequence[object]] = [
-        [f"within 3 of its own sigmas, of {len(error)}", within, "", "99"],
+        [f"within 3 sigmas, of {len(error)}", within, "", "99"],
         ["RMS error", degrees[0], ratios[0], "2"],
         ["mean sigma", degrees[1], ratios[1], "2"],
         ["greatest sigma", degrees[2], ratios[2], "2"],

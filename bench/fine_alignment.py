@@ -1,4 +1,4 @@
-"""Fine alignment on a rocking base: heading against its own sigma and the Cramer-Rao bound, then free inertial.
+"""Fine alignment on a rocking base: heading against its sigma and the Cramer-Rao bound, then free inertial.
 
 Every run is the whole of `delayed.FilterSystem`, coarse stage included, with config/paper_alignment.yaml. A
 motion is simulated once, without errors; each seed adds noise, biases and fixes. The noise densities are those of the
@@ -48,12 +48,12 @@ _CHUNK = 5
 
 @dataclass(frozen=True)
 class Case:
-    """What is run.
+    """A case.
 
     Attributes
     ----------
     times : floats
-        When errors are taken, s.
+        Times of the errors, s.
     latitude_deg, amplitude_deg, period
         Of the place; of rocking, deg and s.
     waves : float
@@ -67,9 +67,9 @@ class Case:
     fix_rate, fix_stddev : float
         Hz, m.
     biased : bool
-        The unit has biases, and the filter looks for them; otherwise neither.
+        The unit has biases, which the filter estimates; otherwise neither.
     heading_error_deg : float or None
-        Of a heading given with a sigma of 100 deg, which leaves the coarse stage out; None: it is not given.
+        Error of a given heading with a sigma of 100 deg, without the coarse stage; None: not given.
     coarse, fine_duration : float
         s.
     """
@@ -188,7 +188,7 @@ def _run(case: Case, seed: int) -> Array:
 
 
 def _errors(simulation: Simulation, navigator: DelayedNavigator) -> list[float]:
-    """What `run` tells of one time."""
+    """Results of `run` for one time."""
     assert navigator.state is not None and navigator.filter is not None
     path, found = simulation.trajectory, navigator.filter
     i = int(np.searchsorted(simulation.stamps_ns, navigator.settled_ns)) + 1
@@ -222,9 +222,9 @@ def bound(case: Case, first_stage: float | None = None) -> Array:
         dv' = -(g / R) dp - 2 u x dv + f x psi + C accel_bias + noise
         psi' = -u x psi + C gyro_bias + noise
 
-    For a linear model with Gaussian noise that is the Cramer-Rao bound. Nothing is known before but the spread of the
-    biases. Every fix is a measurement of position. Until the end of the first stage, true velocity is a constant,
-    zero but for `_DRIFT`: what alignment takes for granted, two states more.
+    For a linear model with Gaussian noise that is the Cramer-Rao bound. The only prior is that of the biases. Every fix
+    is a measurement of position. Until the end of the first stage, true velocity is a constant, zero but for `_DRIFT`:
+    the assumption of alignment, two states more.
     """
     simulation = _noiseless(case)
     path = simulation.trajectory
@@ -284,7 +284,7 @@ CASES = {
     "biases, turn by 180° at 150 s": (_TURN, 1.0),
     **{f"no coarse stage, heading wrong by {error:g}°": (case, 0.5) for error, case in _GIVEN.items()},
 }
-"""What is compared with the bound, and on which share of the seeds."""
+"""Cases compared with the bound, and the share of the seeds of each."""
 _ROCKING = (
     *((2.0, 4.0, 0.0), (2.0, 20.0, 30.0), (2.0, 8.0, 55.7), (2.0, 11.0, 75.0)),
     *((5.0, 8.0, 0.0), (5.0, 4.0, 30.0), (5.0, 11.0, 55.7), (5.0, 20.0, 75.0)),

@@ -1,4 +1,4 @@
-"""The floor under a live node: what rclpy costs with the topics of `ins_node` and nothing computed.
+"""The floor under a live node: cost of rclpy with the topics of `ins_node`, without computation.
 
 Subscribes to imu/data_raw as `ins_node` does; publishes floor/odometry, floor/imu/data and floor/fix at every sample,
 each filled in once.

@@ -1,7 +1,7 @@
-"""Live nodes over DDS: bag_player, the nodes, a recorder, and beside them what rclpy costs alone (bench/floor.py).
+"""Live nodes over DDS: bag_player, the nodes, a recorder, and for comparison rclpy alone (bench/floor.py).
 
-Each is a process of its own. The floor gets the same samples in the same seconds, so that the ratio of the two loads
-does not depend on what else the machine does.
+Each is a separate process. The floor receives the same samples in the same seconds, so that the ratio of the two loads
+does not depend on other load of the machine.
 """
 
 import json
@@ -29,7 +29,7 @@ _SETTLED = 2.0
 """s after the alignment: the load is measured from there."""
 _PATIENCE = 30.0
 _SINGLE_THREADED = "import rclpy.experimental as e; del e.EventsExecutor; from {} import main; main()"
-"""A node without the executor it prefers."""
+"""A node with the SingleThreadedExecutor."""
 
 
 def results(_data: Path) -> Iterator[str]:
@@ -61,7 +61,7 @@ def _command(module: str, single_threaded: bool) -> tuple[str, ...]:
 def _play(
     folder: Path, programs: dict[str, tuple[str, ...]], statuses: int
 ) -> tuple[str, dict[str, Any], dict[str, float]]:
-    """What bag_player printed, what the recorder found, and the share of a core of each process, %."""
+    """Output of bag_player and of the recorder, and the share of a core of each process, %."""
     with Nodes(folder) as nodes:
         settings = ("--ros-args", "-p", f"alignment.duration:={_ALIGNMENT}")
         processes = {"node": nodes.start("node", *programs["node"], *settings)}

@@ -49,7 +49,7 @@ def pyins_data(latitude_deg: float, rate: float) -> tuple[pd.DataFrame, pd.DataF
 
 
 def from_pyins(trajectory: pd.DataFrame, increments: pd.DataFrame) -> Case:
-    """The same on our axes."""
+    """The motion on axes forward, left, up."""
     dt = float(trajectory.index[1])
     values = increments.to_numpy() / dt * np.tile(_FLU, 2)
 
@@ -64,7 +64,7 @@ def from_pyins(trajectory: pd.DataFrame, increments: pd.DataFrame) -> Case:
 
 
 def across_the_pole(rate: float) -> Case:
-    """6 km exactly over the north pole, weaving and turning, by the package's own generator."""
+    """6 km exactly over the north pole, weaving and turning, by `ins_nav.simulation`."""
     motion = Motion(
         DURATION,
         x=sinusoid(200.0, 60.0),

@@ -85,7 +85,7 @@ def _stop(bag: Path, folder: Path) -> str:
         ["heading, °", f"{_heading(result):.2f}"],
         ["of the reference, °", f"{true:.2f}"],
         ["error, °", f"{math.degrees(errors.values[0, 2]):+.2f}"],
-        ["its own sigma, °", f"{math.degrees(errors.stddev[0, 2]):.2f}"],
+        ["sigma, °", f"{math.degrees(errors.stddev[0, 2]):.2f}"],
         ["error of roll and pitch, °", " ".join(f"{x:+.3f}" for x in np.degrees(errors.values[0, :2]))],
     ]
     return table([f"{bag.name}, tactical IMU at 10 Hz: alignment over {_FIRST_STOP:g} s of the first stop", ""], rows)

@@ -16,9 +16,9 @@ from ins_nav.recordings.bags import suggestion
 ROOT = Path(__file__).resolve().parents[1]
 SECTIONS = {
     "mechanization": "errors after 600 s of motion with a perfect IMU; coning",
-    "alignment": "heading on a rocking base, against its own sigma and the theoretical bound",
+    "alignment": "heading on a rocking base, against its sigma and the theoretical bound",
     "zupt": "drifts and azimuth found at stops: the paper's run, noise against the bound, real drives",
-    "fine": "fine alignment on a rocking base, against its own sigma and the Cramer-Rao bound; free inertial then",
+    "fine": "fine alignment on a rocking base, against its sigma and the Cramer-Rao bound; free inertial then",
     "underwater": "log, depth gauge, ranges, whole dives: against the sigma and the Cramer-Rao bound; faults",
     "faults": "every fault on a vehicle, a dive and a MEMS car: errors, sigmas, protection levels, reports, recovery",
     "recordings": "real recordings, by ins_process and live",

@@ -1,4 +1,4 @@
-"""A vehicle under water: log, depth gauge and ranges to a beacon, the whole dive; then everything that can go wrong.
+"""A vehicle under water: log, depth gauge and ranges to a beacon, the whole dive; then faults.
 
 Every run is the whole of `delayed.FilterSystem` with config/auv.yaml along scenario auv_dive, coarse alignment
 included (`bench.underwater_run`). The noises of the IMU are densities: a low rate of its samples saves time.
@@ -47,7 +47,7 @@ _CHUNK = 5
 
 _NO_RANGES = ("range", "beacon")
 _JUMP = 50.0
-"""m, by which fixes are off to the east after the dive."""
+"""m: error to the east of fixes after the dive."""
 _BEFORE = 3.0
 """s before the first fix when the errors at the end are taken: fixes are not on their way yet."""
 _NEAR = 3.0
@@ -56,7 +56,7 @@ _NEAR = 3.0
 
 @dataclass(frozen=True)
 class Dive:
-    """What is run, the whole mission: of the log's constants none, or those drawn; with ranges or not."""
+    """A case of the whole mission: with the log's constants zero or drawn, with ranges or without."""
 
     log: bool = True
     ranges: bool = True
@@ -79,7 +79,7 @@ def _surfaced(simulation: Simulation) -> float:
 
 
 def run_dive(dive: Dive, seeds: Sequence[int]) -> list[tuple[Array, Array]]:
-    """Errors until the fixes come back, and what `_surfacing` tells of fixes that are right, and off by a jump."""
+    """Errors until the fixes return, and the results of `_surfacing` for right fixes and for fixes with a jump."""
     found = []
     for seed in seeds:
         simulation = noiseless(()).redrawn(seed, **errors_of(seed, dive.log))
@@ -282,7 +282,7 @@ def _faults(found: dict[str, list[tuple[Array, list[float]]]]) -> str:
     return table(head, rows)
 
 
-# --- a start that is wrong, a beacon that is wrong
+# --- a wrong start, a wrong beacon
 
 _AWAY = (200.0, 400.0)
 """m, of the beacon from the start."""
@@ -329,7 +329,7 @@ _WRONG = 100.0
 
 
 def run_wrong_beacon(_: None, seeds: Sequence[int]) -> list[tuple[Array, list[float], list[float]]]:
-    """Errors all along, ranges accepted and rejected, and what `_surfacing` tells."""
+    """Errors all along, numbers of ranges accepted and rejected, and the result of `_surfacing`."""
     found = []
     for seed in seeds:
         simulation = noiseless(_SHORT).redrawn(seed, **errors_of(seed))
@@ -363,7 +363,7 @@ DIVES = {
     "log 0.2 % and 0.1°, no ranges": (Dive(ranges=False), 1.0),
     "the same with ranges": (Dive(), 1.0),
 }
-"""What is compared with the bound, and on which share of the seeds."""
+"""Cases compared with the bound, and the share of the seeds of each."""
 _Result = TypeVar("_Result")
 _Key = TypeVar("_Key")
 

@@ -24,7 +24,7 @@ _MANOEUVRE = 30.0
 
 @dataclass(frozen=True)
 class Prior:
-    """What is known before, one sigma.
+    """Priors, one sigma.
 
     Attributes
     ----------
@@ -83,8 +83,8 @@ def bound(simulation: Simulation, prior: Prior, times: Sequence[float], ranges: 
         dv' = (-g / R, -g / R, 2 g / R) dp - 2 u x dv + f x psi + C accel_bias + noise
         psi' = -u x psi - C gyro_bias + noise
 
-    For a linear model with Gaussian noise that is the Cramer-Rao bound. What coarse alignment takes for granted, that
-    the base does not travel, is not known here.
+    For a linear model with Gaussian noise that is the Cramer-Rao bound. The assumption of coarse
+    alignment, that the base does not travel, is not used.
 
     Parameters
     ----------

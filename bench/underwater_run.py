@@ -1,4 +1,4 @@
-"""A navigator that is led through a simulated mission under water, message by message, and its errors on the way."""
+"""A navigator fed with a simulated mission under water, message by message, and its errors."""
 
 import copy
 import functools
@@ -41,7 +41,7 @@ TIME, EAST, NORTH, UP, SIGMA, SIGMA_UP, NEES = range(7)
 _CONFIG = Path(__file__).resolve().parents[1] / "config" / "auv.yaml"
 _MOTION: dict[str, Any] = {"rate": RATE, "log.rate": 1.0, "depth.rate": 1.0}
 _EVERY = 10.0
-"""s between two looks at the errors."""
+"""s between two rows of errors."""
 
 
 _UNIT = PRESETS["fog_auv"]
@@ -59,7 +59,7 @@ def noiseless(motion: Given) -> Simulation:
 
 
 class Run:
-    """A navigator that is led through a simulation."""
+    """A navigator fed with a simulation."""
 
     def __init__(self, simulation: Simulation, parameters: Mapping[str, Any], skip: Sequence[str] = ()) -> None:
         self.simulation = simulation

@@ -1,4 +1,4 @@
-"""ZUPT: the paper's run, two positions, noise against the bound of theory, real stops.
+"""ZUPT: the paper's run, two positions, noise against the theoretical bound, real stops.
 
 References
 ----------
@@ -155,7 +155,7 @@ def paper_overrides() -> dict[str, object]:
 
 
 def _one_stop(amplitude: float, period: float) -> Found | str:
-    """What was found, or why it was refused."""
+    """The result, or the reason of a refusal."""
     motion = {"rocking_amplitude_deg": amplitude, "period": period, "duration": PAPER_CALL + _SETTLED, "gnss.rate": 0.0}
     return _tried(simulate("zupt2_stop", 0, **motion), paper_overrides(), [(PAPER_CALL, "zupt2")])
 
@@ -273,7 +273,7 @@ class _Noisy(NamedTuple):
 
 
 _UNKNOWN: Mapping[str, object] = {**_KNOWN, "imu.gyro_bias_stddev_deg_per_hour": 0.5}
-"""So wide that it tells nothing of the drifts: the bound knows nothing either."""
+"""Uninformative: the bound has no prior either."""
 _HEADING: Mapping[str, object] = {
     "initial.heading_deg": 45.0,
     "initial.heading_stddev_deg": 0.0,

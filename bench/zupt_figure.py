@@ -62,7 +62,7 @@ def draw(path: Path) -> None:
 
 
 def _curves(axes: Axes, time: Array, left: Array, corrected: Array, columns: dict[int, tuple[str, str]]) -> None:
-    """Errors with the ZUPT, and as they would have gone on."""
+    """Errors with the ZUPT and without."""
     after = time >= PAPER_CALL
     for column, (name, colour) in columns.items():
         axes.plot(time[after], left[after, column], color=colour, linewidth=1.4, linestyle=(0, (4, 2)), alpha=0.55)
@@ -97,7 +97,7 @@ def _errors(s: Simulation, call: bool) -> tuple[Array, Array]:
 
 
 def _drifts(axes: Axes, s: Simulation) -> None:
-    """What ZUPT-2 would find, call after call, without noise and with it."""
+    """Results of ZUPT-2, call after call, without noise and with it."""
     ideal, noisy = _found(s, 0.0), _found(s, 1.0)
     for axis, (name, colour) in enumerate((("x", _EAST), ("y", _NORTH), ("z", _UP))):
         value, sigma = noisy[:, 1 + axis], noisy[:, 4 + axis]

@@ -1,4 +1,4 @@
-"""What stops are worth in real drives: free inertial after them, with and without corrections."""
+"""Effect of stops in real drives: free inertial after them, with and without corrections."""
 
 import itertools
 import math
