@@ -253,7 +253,9 @@ class CoarseAlignment:
             covariance[:2, :2] += np.eye(2) * excess**2
             covariance[2, 2] = heading_stddev**2
             rot_gb = Rotation.from_rotvec([0.0, 0.0, turn]) * rot_gb
-        by_bias = self._by_bias(rot_gb, gravity, lat, rate)
+        # by the Earth's rate, not the found one: the equation of residual rates at rest has the same Jacobian, and the
+        # difference of the two would be information on heading that the data does not have
+        by_bias = self._by_bias(rot_gb, gravity, lat, horizontal_rate if heading is None else math.inf)
         white, walk = noise.sensor_noise(deviation[:, :2], limits)
         velocity, velocity_stddev = self._end_velocity(blocks, noise, deviation, fit, gravity, lat, rot_b0g0, limits)
         yaw = turn - RATE * math.sin(lat) * self.cone.time  # since time 0, and to the given heading
@@ -304,6 +306,7 @@ class CoarseAlignment:
         level = fit.end_variance + tilt**2
         # a tilt east by the accelerometer's bias turns with the Earth about the vertical: a false rate north
         up = (fit.slope_variance + self._gyro_bias_stddev**2 + (RATE * math.sin(lat) * tilt) ** 2) / rate**2
+        up += (self._gyro_bias_stddev / rate) ** 4  # second order: the product of the errors of rate and azimuth
         cross = -fit.end_slope_covariance / rate  # north deviation is minus the turn about east
         return np.array([[level, 0.0, cross], [0.0, level, 0.0], [cross, 0.0, up]])
 

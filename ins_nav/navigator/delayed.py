@@ -30,7 +30,7 @@ from ins_nav.estimation.error_filter import ErrorFilter
 from ins_nav.estimation.error_model import Vector, rotation_matrix
 from ins_nav.estimation.imu_error import corrected
 from ins_nav.estimation.innovation_gate import GATE, PATIENCE
-from ins_nav.estimation.observation import Measurement, Solution
+from ins_nav.estimation.observation import Measurement
 from ins_nav.estimation.state_layout import BIASES, HEADING
 from ins_nav.event_log import INFO, WARN, EventLog
 from ins_nav.mechanization import strapdown
@@ -39,6 +39,7 @@ from ins_nav.mechanization.strapdown import Sample, without_bias
 from ins_nav.navigator.correction import Correction
 from ins_nav.navigator.front_end import Aligned, Biases, FrontEnd, Phase
 from ins_nav.stop_detection.detector import Change
+from ins_nav.zupt.measurements import StopCalibration
 from ins_nav.zupt.stationary_updates import SETTLE_NS, StationaryUpdates
 
 Array = NDArray[np.float64]
@@ -170,6 +171,11 @@ class DelayedNavigator:
         if self.filter is not None:
             self._stationary.call(stamp_ns)
 
+    def calibrate(self, calibration: StopCalibration) -> None:
+        """ZUPT-1 was solved: a measurement of the solution at a stamp that is not settled yet."""
+        if self.filter is not None:
+            self._stationary.calibrate(calibration)
+
     def adopt(self, solution: Correction, aligned_ns: int) -> bool:
         """Start from the solution of another process that aligned before this one began; False where it is not used.
 
@@ -217,13 +223,7 @@ class DelayedNavigator:
     # --- the filter
 
     def _start(
-        self,
-        stamp_ns: int,
-        state: NavState,
-        raw: Sample,
-        covariance: Array,
-        aligned: bool,
-        imu_errors: tuple[float, ...],
+        self, stamp_ns: int, state: NavState, raw: Sample, covariance: Array, aligned: bool, errors: tuple[float, ...]
     ) -> None:
         """Start the filter; its covariance on n (`covariance_propagation.covariance_of`), errors of the IMU in use."""
         known = self.front_end.configuration
@@ -235,7 +235,7 @@ class DelayedNavigator:
             own[name] = (*kept, *own[name][len(kept) :])
         self.filter = covariance_propagation.filter_of(model, covariance, own)
         size = model.imu_errors.size
-        self._imu_errors_before = np.array(imu_errors) if len(imu_errors) == size else np.zeros(size)
+        self._imu_errors_before = np.array(errors) if len(errors) == size else np.zeros(size)
         self._correction = model.imu_errors.correction(self._imu_errors_before)
         self.state = self._filtered = state
         self._before = raw
@@ -369,16 +369,12 @@ class DelayedNavigator:
         biases = self.gyro_bias, self.accel_bias
         for name, measure in self._stationary.add(self.settled_ns, before, raw, self.state, biases, self.filter.p):
             self._propagate()
-            measurement = measure(self._solution(raw))
+            rate = without_bias(raw, *biases)[1:4]
+            measurement = measure(self.filter.solution(self.state, rate, self.gyro_bias), self.filter.p)
             if self.settled_ns - self._aided_ns > _ALONE_NS and self.filter.admit(measurement):
                 text = f"{name}: the solution was wrong by more than its sigma, which is widened"
                 self.events.count("stops contradict the filter", WARN, text, self.settled_ns)
             self._update(name, self.settled_ns, measurement)
-
-    def _solution(self, raw: Sample) -> Solution:
-        assert self.filter is not None and self.state is not None
-        rate = without_bias(raw, self.gyro_bias, self.accel_bias)[1:4]
-        return self.filter.solution(self.state, rate, self.gyro_bias)
 
     def _update(
         self, name: str, stamp_ns: int, measurement: Measurement, gate: float = GATE, patience: float = PATIENCE
@@ -432,8 +428,8 @@ class DelayedNavigator:
         self._emitted_ns, self._news = self.settled_ns, False
         apply_ns, biases = self.front_end.stamp_ns + self._apply_ns, (self.gyro_bias, self.accel_bias)
         covariance = covariance_propagation.covariance_of(self.filter)
-        state = self.settled_ns, apply_ns, self.state
-        self._out.append(Correction(*state, *biases, covariance, self._aligned, self.imu_errors))
+        values = self.state, *biases, covariance, self._aligned, self.imu_errors
+        self._out.append(Correction(self.settled_ns, apply_ns, *values))
 
     @property
     def imu_errors(self) -> tuple[float, ...]:

@@ -25,7 +25,8 @@ from ins_nav.navigator.front_end import Aligned, FrontEnd, Phase
 from ins_nav.navigator.realtime import RealtimeNavigator
 from ins_nav.stop_detection.detector import Change
 from ins_nav.stop_detection.service_schedule import ServiceSchedule
-from ins_nav.zupt.calibration import Moment, ZuptServices
+from ins_nav.zupt.calibration import Answer, Moment, ZuptServices
+from ins_nav.zupt.measurements import StopCalibration
 from ins_nav.zupt.zupt_equations import ZuptError
 
 
@@ -164,7 +165,7 @@ class NavigationSystem:
         """At rest: drifts, the azimuth trusted; results as of `zupt1`."""
         return self._zupt("zupt2", self.services.zupt2)
 
-    def _zupt(self, name: str, solve: Callable[[float, float], str]) -> tuple[bool, str]:
+    def _zupt(self, name: str, solve: Callable[[float, float], Answer]) -> tuple[bool, str]:
         state, covariance = self.realtime.state, self.realtime.covariance
         if state is None or covariance is None:
             progress = f"{self.phase.value}, {100.0 * self.front_end.progress:.0f} % of alignment done"
@@ -172,14 +173,19 @@ class NavigationSystem:
         speed = math.hypot(*state[4:6])
         stddev = math.sqrt(float(covariance.diagonal()[HORIZONTAL_VELOCITY].sum()))
         try:
-            text = solve(speed, stddev)
+            answer = solve(speed, stddev)
         except ZuptError as error:
             text = f"{name} refused: {error}"
             self.events.count(f"{name} refused", INFO, text, self.front_end.stamp_ns)
             return False, str(error)
-        self.delayed.call_zupt(self.front_end.stamp_ns)
-        self.events.report(INFO, f"{name}: {text}")
-        return True, text
+        if name == "zupt2":
+            self.delayed.call_zupt(self.front_end.stamp_ns)
+        elif answer.found is not None and answer.expected is not None:
+            used_ns = max(answer.stamp_ns, self.delayed.settled_ns)
+            entry = self.realtime.buffer.between(used_ns, self.front_end.stamp_ns)[0]  # still at rest
+            self.delayed.calibrate(StopCalibration(entry.stamp_ns, entry.state, answer.found, answer.expected))
+        self.events.report(INFO, f"{name}: {answer.text}")
+        return True, answer.text
 
     def save(self) -> tuple[bool, str]:
         """Write ``state_file``; results as of `zupt1`."""

@@ -63,6 +63,27 @@ class Moment(NamedTuple):
     covariance: Array
 
 
+class Answer(NamedTuple):
+    """Answer of a service.
+
+    Attributes
+    ----------
+    text : str
+        The result, for a person.
+    stamp_ns : int
+        Of the last sample used.
+    found : Calibration or None
+        ZUPT-1 from the two stops alone: absolute drifts, and the error of the solution's heading at the stamp.
+    expected : Calibration or None
+        The same before the first stop.
+    """
+
+    text: str
+    stamp_ns: int
+    found: Calibration | None = None
+    expected: Calibration | None = None
+
+
 @dataclass
 class _Stop:
     """A stop: the present one, or position 1 of ZUPT-1.
@@ -256,7 +277,7 @@ class ZuptServices:
 
     # --- the services
 
-    def zupt1(self, speed: float, speed_stddev: float) -> str:
+    def zupt1(self, speed: float, speed_stddev: float) -> Answer:
         """First call: record position 1; second call, after a turn: drifts and azimuth ([1]_, (7)-(13)).
 
         Parameters
@@ -266,8 +287,7 @@ class ZuptServices:
 
         Returns
         -------
-        str
-            The result, for a person.
+        Answer
 
         Raises
         ------
@@ -279,11 +299,12 @@ class ZuptServices:
             self._first = stop
             found, _ = zupt2_update(result.measurement, stop.prior, stop.before)
             sigma = math.sqrt(found.covariance[3, 3] + self._gyro_variance)
-            return (
+            text = (
                 f"position 1 recorded after {stop.rest.duration:.0f} s at rest (heading known to "
                 f"{math.degrees(sigma):.4f}°): it is measured until the vehicle moves; turn by 90° to 180°, stop, and "
                 "call again"
             )
+            return Answer(text, self._settled_ns)
         first, two = self._first, result.measurement
         try:
             one = first.rest.result(self._accel_stddev, first.until).measurement
@@ -302,8 +323,9 @@ class ZuptServices:
         noise = one.covariance + age * self._drift_walk**2 * np.eye(3)
         noise[0, 0] += age * self._gyro_variance * one.horizontal_rate**2
         moved = replace(rebased(replace(one, covariance=noise), between, offset), azimuth_gain=gain)
+        prior = Prior(-between, offset, first.information)
         try:
-            found = zupt1(moved, two, Prior(-between, offset, first.information))
+            alone, found = zupt1(moved, two), zupt1(moved, two, prior)
         except InconsistentError:
             self._first = stop
             raise
@@ -311,20 +333,24 @@ class ZuptServices:
         self.solved += 1
         # the filter has corrected heading since the stop began; its bias has changed, too
         since = self._removed - stop.removed - float(two.azimuth_gain @ of_bias)
-        return _sentence(replace(found, azimuth=found.azimuth - since), stop, True)
+        alone, found, expected = (
+            replace(one, drift=of_bias + one.drift, azimuth=one.azimuth - since)
+            for one in (alone, found, prior.at(gain))
+        )
+        return Answer(found.sentence(True), self._settled_ns, alone, expected)
 
-    def zupt2(self, speed: float, speed_stddev: float) -> str:
+    def zupt2(self, speed: float, speed_stddev: float) -> Answer:
         """Drifts, the azimuth trusted ([1]_, (14)-(15)); parameters, result and errors as of `zupt1`."""
         stop, result = self._measured(speed, speed_stddev)
         found, contradicted = zupt2_update(result.measurement, stop.prior, stop.before)
         self.solved += 1
-        text = _sentence(found, stop, False)
+        text = replace(found, drift=np.asarray(stop.gyro_bias) + found.drift).sentence(False)
         if contradicted:
             text += (
                 "; more than imu.gyro_bias_stddev_deg_per_hour (or its random walk since the last stop) allows: set it "
                 "to what the gyros have"
             )
-        return text
+        return Answer(text, self._settled_ns)
 
     def _measured(self, speed: float, speed_stddev: float) -> tuple[_Stop, StationaryRatesResult]:
         """The present stop and its measurement.
@@ -361,7 +387,3 @@ class ZuptServices:
                 f"{math.degrees(self._max_rocking):g}; wait until the vehicle is calmer and call again"
             )
         return stop, result
-
-
-def _sentence(found: Calibration, stop: _Stop, with_azimuth: bool) -> str:
-    return replace(found, drift=np.asarray(stop.gyro_bias) + found.drift).sentence(with_azimuth)

@@ -1,15 +1,18 @@
-"""Measurements of a stationary carrier: zero velocity, residual rates."""
+"""Measurements of a stationary carrier: zero velocity, residual rates, solutions of ZUPT-1."""
+
+from typing import NamedTuple
 
 import numpy as np
 
 from ins_nav.estimation.error_model import Array, Vector
 from ins_nav.estimation.observation import Measurement, Solution
 from ins_nav.estimation.state_layout import GYRO_BIAS, HEADING, SIZE, VELOCITY
-from ins_nav.zupt.zupt_equations import MODEL_ERROR, StopMeasurement
+from ins_nav.mechanization.nav_state import NavState, heading_change
+from ins_nav.zupt.zupt_equations import MODEL_ERROR, Calibration, StopMeasurement
 
 
 class ZeroVelocity:
-    """The carrier stands: all of its velocity is error, and nothing of it turns with attitude."""
+    """Velocity of a stationary carrier: all of it is error, and none of it depends on attitude."""
 
     def measure(self, solution: Solution, stddev: float) -> Measurement:
         """Residual velocity of a standing carrier, each axis, m/s."""
@@ -19,54 +22,133 @@ class ZeroVelocity:
 
 
 class ResidualRate:
-    """What is left of the rates at a stop (`stationary_rates`): drift, and what a wrong heading leaves of Earth's rate.
+    """Residual rate at a stop (`stationary_rates`): gyro drift, and the part of the Earth's rate of a heading error.
 
     Parameters
     ----------
     vertical : bool
-        Only the run-off of yaw: what the horizontal rates say, velocity at rest says too.
+        Only the drift of yaw: velocity at rest contains the same information on the horizontal rates.
     """
 
     def __init__(self, vertical: bool) -> None:
         self._rows = slice(2, 3) if vertical else slice(0, 3)
 
     def measure(self, solution: Solution, stop: StopMeasurement, bias: Vector) -> Measurement:
-        """The stop, and the gyro bias that was taken out then, body, rad/s."""
+        """Residual rate less its prediction, rad/s.
+
+        Parameters
+        ----------
+        solution : Solution
+        stop : StopMeasurement
+        bias : 3 floats
+            Gyro bias removed from the samples of the stop, body, rad/s.
+        """
+        k = stop.horizontal_rate
         h: Array = np.zeros((3, SIZE))
         h[:, GYRO_BIAS] = -stop.rot_sb
         # the azimuth is that of the stop's start: since then S has turned by the drift
-        h[0, GYRO_BIAS] -= stop.horizontal_rate * stop.azimuth_gain
-        h[0, HEADING] = -stop.horizontal_rate
+        h[0, GYRO_BIAS] -= k * stop.azimuth_gain
+        h[0, HEADING] = -k
         z = stop.rate - stop.rot_sb @ np.subtract(solution.gyro_bias, bias)
         rows = self._rows
         r = stop.covariance + MODEL_ERROR**2 * np.eye(3)
+        # second order of the heading error: k (cos - 1), of mean square 3/4 k² variance²
+        r[1, 1] += 0.75 * (k * solution.turn) ** 2
         return Measurement(z[rows], h[rows], r[rows, rows], GYRO_BIAS)
 
 
-_LEAST_NEW = 1e-6
-"""Share of a measurement's information that stays where the filter knows all of it."""
+class StopCalibration(NamedTuple):
+    """Solution of ZUPT-1, as a measurement of drifts and heading.
+
+    Attributes
+    ----------
+    stamp_ns : int
+    state : NavState
+        Solution at the stamp whose heading has the errors below.
+    found : Calibration
+        From the two stops alone; drifts are absolute, azimuth is that of ``state``.
+    expected : Calibration
+        Drifts and azimuth before the first stop, by the solution of that time, on the same axes.
+    """
+
+    stamp_ns: int
+    state: NavState
+    found: Calibration
+    expected: Calibration
+
+    def measure(self, solution: Solution) -> Measurement:
+        """Heading error, rad, and gyro bias errors, rad/s, of a solution at the stamp."""
+        h: Array = np.zeros((4, SIZE))
+        h[0, HEADING] = 1.0
+        h[1:, GYRO_BIAS] = np.eye(3)
+        return Measurement(self._errors(solution, self.found), h, _by_heading(self.found), _CALIBRATED)
+
+    def new(self, solution: Solution, now: Array) -> Measurement:
+        """As `measure`, without the information that the filter has from the same data (`without_known`).
+
+        Parameters
+        ----------
+        solution : Solution
+        now : ndarray, shape (n, n)
+            Covariance of the filter.
+        """
+        before = np.zeros((SIZE, SIZE))
+        before[_CALIBRATED, _CALIBRATED] = _by_heading(self.expected)
+        # error of the solution at the stamp, had it not been corrected since the first stop began
+        uncorrected = self._errors(solution, self.found) - self._errors(solution, self.expected)
+        return without_known(self.measure(solution), before, now, uncorrected)
+
+    def _errors(self, solution: Solution, calibration: Calibration) -> Array:
+        azimuth = calibration.azimuth + heading_change(self.state, solution.state)
+        return np.array([azimuth, *(np.asarray(solution.gyro_bias) - calibration.drift)])
 
 
-def without_known(measurement: Measurement, before: Array, now: Array) -> Measurement:
-    """The measurement with the information alone that the filter does not have from the same data.
+_CALIBRATED = slice(HEADING, GYRO_BIAS.stop)
 
-    The measurement covers a span of data. Other measurements of that span have reduced the covariance of ``h x`` from
-    its value before the span to the present one; the difference of the inverses is their information. It is subtracted
-    from the measurement's, so that both together count as the better of the two, direction by direction.
+
+def _by_heading(calibration: Calibration) -> Array:
+    """Covariance of the errors of heading and gyro biases, from that of drifts and azimuth."""
+    order, signs = [3, 0, 1, 2], np.array([1.0, -1.0, -1.0, -1.0])
+    return calibration.covariance[np.ix_(order, order)] * np.outer(signs, signs)
+
+
+_LEAST_NEW, _NOTHING = 0.02, 1e-6
+"""Share of a direction's information that must be new; the share that stands for less."""
+_EXACT = 1e-6
+"""Variance over that of the measurement that counts as zero."""
+
+
+def without_known(measurement: Measurement, before: Array, now: Array, uncorrected: Array) -> Measurement:
+    """The part of a measurement that the filter does not have from the same data.
+
+    The measurement covers a span of data. Other measurements of that span have changed estimate and covariance of
+    ``h x`` from their values before the span to the present ones; the differences of information vector and information
+    matrix are theirs. Both are subtracted from the measurement's, so that together they count as the measurement alone.
+    A direction in which the filter has learnt more keeps the filter's estimate.
 
     Parameters
     ----------
     measurement : Measurement
     before, now : ndarray, shape (n, n)
         Covariance of the filter when the span began, and at present; the first `SIZE` states count.
+    uncorrected : ndarray, shape (m,)
+        The innovation, had the filter not been corrected since the span began.
     """
     h, r = measurement.h, measurement.r
     root = np.linalg.cholesky(r)
+    white = np.linalg.inv(root)
     # whitened by the measurement's noise: its information is the unit matrix
-    known = [np.linalg.solve(root, np.linalg.solve(root, h @ p[:SIZE, :SIZE] @ h.T).T) for p in (before, now)]
-    floor = 1e-12 * np.trace(known[0]) * np.eye(len(r))
-    learnt = np.linalg.inv(known[1] + floor) - np.linalg.inv(known[0] + floor)
+    known = [white @ h @ p[:SIZE, :SIZE] @ h.T @ white.T for p in (before, now)]
+    floor = (_EXACT + 1e-15 * float(np.trace(known[0]))) * np.eye(len(r))
+    prior = np.linalg.inv(known[0] + floor)
+    learnt = np.linalg.inv(known[1] + floor) - prior
+    present, past = white @ measurement.innovation, white @ uncorrected
     shares, axes = np.linalg.eigh(0.5 * (learnt + learnt.T))
+    # information vector of what was learnt: that of the present estimate, zero, less that of the past one
+    z = axes.T @ present + np.where(shares > 0.0, axes.T @ (prior @ (present - past)), 0.0)
+    left = 1.0 - np.clip(shares, 0.0, 1.0)
+    is_new = left > _LEAST_NEW
+    z[~is_new], left[~is_new] = 0.0, _NOTHING
     spread = root @ axes
-    widened: Array = (spread / np.clip(1.0 - shares, _LEAST_NEW, 1.0)) @ spread.T
-    return measurement._replace(r=widened)
+    widened: Array = (spread / left) @ spread.T
+    return measurement._replace(innovation=spread @ (z / left), r=widened)

@@ -12,7 +12,7 @@ import bisect
 import math
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -25,9 +25,9 @@ from ins_nav.event_log import INFO, EventLog
 from ins_nav.mechanization.nav_state import NavState, heading_change, up_axis
 from ins_nav.mechanization.strapdown import Sample, without_bias
 from ins_nav.stop_detection.detector import Change
-from ins_nav.zupt.measurements import ResidualRate, ZeroVelocity, without_known
+from ins_nav.zupt.measurements import ResidualRate, StopCalibration, ZeroVelocity, without_known
 from ins_nav.zupt.stationary_rates import StationaryRates
-from ins_nav.zupt.zupt_equations import ZuptError
+from ins_nav.zupt.zupt_equations import ZuptError, rebased
 
 SETTLE_NS = 2_200_000_000
 """ns: a departure is seldom detected later (`ins_nav.stop_detection`). Not a whole number of seconds: a measurement is
@@ -58,8 +58,8 @@ _ODDS = math.log(1e3)
 """Logarithm of the odds of rest, or of motion, that decide."""
 _NEVER_NS = 2**63
 
-Make = Callable[[Solution], Measurement]
-"""A measurement of the solution at the settled sample."""
+Make = Callable[[Solution, Array], Measurement]
+"""Makes a measurement from the solution at the settled sample and the filter's covariance."""
 
 
 @dataclass
@@ -134,6 +134,7 @@ class StationaryUpdates:
         """The filter starts; the stop that lasts, if one does, began then."""
         self._stops: list[_Interval] = [] if stopped_since_ns is None else [_Interval(stopped_since_ns, _NEVER_NS)]
         self._calls: list[int] = []
+        self._calibrations: list[StopCalibration] = []
         self._leave()
 
     def _leave(self) -> None:
@@ -174,12 +175,20 @@ class StationaryUpdates:
             self._stops[-1].end_ns = change.stamp_ns - MARGIN_NS
 
     def is_active(self, stamp_ns: int) -> bool:
-        """Whether a settled sample of that stamp is one of a stop, or the first after one."""
-        return self._whole is not None or any(stop.begin_ns < stamp_ns <= stop.end_ns for stop in self._stops)
+        """Whether a settled sample of that stamp is one of a stop, or the first after one, or a calibration is due."""
+        return (
+            self._whole is not None
+            or bool(self._calibrations)
+            or any(stop.begin_ns < stamp_ns <= stop.end_ns for stop in self._stops)
+        )
 
     def call(self, stamp_ns: int) -> None:
         """A ZUPT service was called: the stop as a whole is measured, and again when it ends."""
         bisect.insort(self._calls, stamp_ns)
+
+    def calibrate(self, calibration: StopCalibration) -> None:
+        """ZUPT-1 was solved: the solution is measured at the calibration's stamp."""
+        self._calibrations.append(calibration)
 
     def corrected(self, before: NavState, after: NavState, gyro_bias: Array) -> None:
         """A correction replaced the state of the settled sample and changed the gyro bias, rad/s, shape (3,)."""
@@ -212,10 +221,24 @@ class StationaryUpdates:
         covariance : ndarray, shape (n, n)
             Of the filter.
         """
+        due = [one for one in self._calibrations if one.stamp_ns <= stamp_ns]
+        self._calibrations = self._calibrations[len(due) :]
+        found = self._add(stamp_ns, before, raw, state, biases, covariance)
+        return [*found, *(("zupt1", one.new) for one in due)]
+
+    def _add(
+        self,
+        stamp_ns: int,
+        before: Sample,
+        raw: Sample,
+        state: NavState,
+        biases: tuple[Vector, Vector],
+        covariance: Array,
+    ) -> list[tuple[str, Make]]:
         while len(self._stops) > 1 and self._stops[0].end_ns < stamp_ns:
             self._stops.pop(0)
         if not any(stop.begin_ns < stamp_ns <= stop.end_ns for stop in self._stops):
-            return self._end(stamp_ns, state, biases, covariance)
+            return self._end(stamp_ns, state, biases)
         for record in self._records:
             record.add(before, raw, self._instantaneous)
         if self._segment is None and not self._on_call:
@@ -242,18 +265,16 @@ class StationaryUpdates:
         is_long = self._whole.rates.duration > _LONGEST
         if called or (is_long and self._is_called):
             self._is_called = True
-            found += self._measure(self._whole, stamp_ns, state, biases[0], covariance)
+            found += self._measure(self._whole, stamp_ns, state, biases[0], False)
             self._segment = None  # the next sample begins another
         elif self._segment is not None and self._segment.rates.duration >= _SEGMENT:
-            found += self._measure(self._segment, stamp_ns, state, biases[0], None)
+            found += self._measure(self._segment, stamp_ns, state, biases[0], True)
             self._segment = None
         if is_long:
             self._whole = None
         return found
 
-    def _end(
-        self, stamp_ns: int, state: NavState, biases: tuple[Vector, Vector], covariance: Array
-    ) -> list[tuple[str, Make]]:
+    def _end(self, stamp_ns: int, state: NavState, biases: tuple[Vector, Vector]) -> list[tuple[str, Make]]:
         """The sample is the first after a stop, or a later one."""
         found: list[tuple[str, Make]] = []
         if self._whole is not None:
@@ -262,9 +283,9 @@ class StationaryUpdates:
             if called and self._time >= 0.5 * _HOLD:
                 found.append(self._hold())
             if called or self._is_called:
-                found += self._measure(self._whole, stamp_ns, state, biases[0], covariance)
+                found += self._measure(self._whole, stamp_ns, state, biases[0], False)
             elif self._segment is not None and self._segment.rates.duration >= _LEAST_SEGMENT:
-                found += self._measure(self._segment, stamp_ns, state, biases[0], None)
+                found += self._measure(self._segment, stamp_ns, state, biases[0], True)
             self._leave()
         return found
 
@@ -306,7 +327,7 @@ class StationaryUpdates:
         self._means.append((x - self._moved[0], y - self._moved[1]))
         stddev = self._sway()
 
-        def make(solution: Solution) -> Measurement:
+        def make(solution: Solution, _now: Array) -> Measurement:
             mean = solution._replace(state=solution.state._replace(v_x=x, v_y=y, v_z=z))
             return ZeroVelocity().measure(mean, stddev)
 
@@ -322,22 +343,25 @@ class StationaryUpdates:
         return min(self._stddev, max(_LEAST_SWAY, math.sqrt(float(np.sum(squares)) / (2 * (count - 3)))))
 
     def _measure(
-        self, record: _Record, stamp_ns: int, state: NavState, gyro_bias: Vector, covariance: Array | None
+        self, record: _Record, stamp_ns: int, state: NavState, gyro_bias: Vector, vertical: bool
     ) -> list[tuple[str, Make]]:
-        """Residual rates of a record: about the vertical, or, with the filter's covariance, about all axes."""
+        """Residual rates of a record, about the vertical or about all axes."""
         try:
-            result = record.rates.result(0.0 if covariance is None else self._accel_stddev)
+            result = record.rates.result(0.0 if vertical else self._accel_stddev)
         except ZuptError as error:
             self._events.count("stops not measured", INFO, f"stop: {error}", stamp_ns)
             return []
         m, turned, bias = result.measurement, record.turned, record.biases[0]
-        vertical = covariance is None
 
-        def make(solution: Solution) -> Measurement:
-            # on the axes at the beginning: corrections of heading since then are no error
+        def make(solution: Solution, now: Array) -> Measurement:
+            # the axes of the beginning, turned by the corrections of heading since then
             since = record.turn(state, solution.state, np.subtract(solution.gyro_bias, gyro_bias))
-            rate = m.rate - [m.horizontal_rate * (turned + since), 0.0, 0.0]
-            measurement = ResidualRate(vertical).measure(solution, replace(m, rate=rate), bias)
-            return measurement if covariance is None else without_known(measurement, record.covariance, covariance)
+            stop = rebased(m, np.zeros(3), turned + since)
+            measurement = ResidualRate(vertical).measure(solution, stop, bias)
+            if vertical:
+                return measurement
+            corrected = stop.rot_sb @ np.subtract(solution.gyro_bias, bias)
+            corrected[0] += m.horizontal_rate * (turned + since)
+            return without_known(measurement, record.covariance, now, measurement.innovation + corrected)
 
         return [("rest", make)]

@@ -45,6 +45,8 @@ _MIN_SINE = math.sin(math.radians(5.0))
 """Least sine of the tilt that determines the third drift without the drift of yaw."""
 
 
+_UNKNOWN = 3.0 / math.pi**2
+"""1/rad²: information on an unknown azimuth."""
 _INFLATION = 4.0
 """Factor by which the variance of a contradicted prior is increased until it is consistent."""
 
@@ -148,6 +150,13 @@ class Prior:
     drift: Array
     azimuth: float
     information: Array
+
+    def at(self, azimuth_gain: Array) -> Calibration:
+        """The same at a later time; S has turned clockwise by the gain, per unit of each drift, s."""
+        to_now = np.eye(4)
+        to_now[3, :3] = azimuth_gain
+        covariance = np.linalg.inv(self.information + np.diag([0.0, 0.0, 0.0, _UNKNOWN]))
+        return Calibration(self.drift, self.azimuth + float(azimuth_gain @ self.drift), to_now @ covariance @ to_now.T)
 
 
 def rebased(stop: StopMeasurement, bias: ArrayLike, turn: float) -> StopMeasurement:

@@ -366,9 +366,8 @@ def _in_position_2() -> Fed:
 
 def test_zupt1_from_two_stops_on_the_way() -> None:
     fed = _in_position_2().fork()
-    # off by 720 at the start; position 1 alone reduces that as far as sigmas of 0.05 °/h and 0.5° allow
-    assert -400.0 < fed.rotation()[2] < -200.0
-    fed.call("zupt1")
+    assert fed.rotation()[2] == pytest.approx(-720.0, abs=10.0)  # the first call corrects nothing
+    assert "heading corrected by -0.19" in fed.call("zupt1")
     # and again: this is position 1 now
     fed.to(343.0)
     np.testing.assert_allclose(fed.bias, DRIFT, rtol=5e-3)  # required

@@ -62,23 +62,36 @@ def _updated(p: Array, m: Measurement) -> Array:
     return np.asarray(p - p @ m.h.T @ np.linalg.solve(m.h @ p @ m.h.T + m.r, m.h @ p))
 
 
+def _gain(p: Array, m: Measurement) -> Array:
+    return np.asarray(np.linalg.solve(m.h @ p @ m.h.T + m.r, m.h @ p).T)
+
+
 def test_a_measurement_repeated_adds_nothing() -> None:
     m, before = _measurement(np.diag([1e-20, 4e-20, 9e-20])), _covariance(np.array([1e-16, 1e-16, 1e-18]))
-    now = _updated(before, m)
-    again = _updated(now, without_known(m, before, now))
+    m = m._replace(innovation=np.array([1e-10, 2e-10, -3e-10]))
+    now, x = _updated(before, m), _gain(before, m) @ m.innovation
+    again = without_known(m._replace(innovation=m.innovation - m.h @ x), before, now, m.innovation)
+    np.testing.assert_array_equal(again.innovation, 0.0)
     # the share that stays
-    np.testing.assert_allclose(again, now, rtol=1e-5, atol=1e-28)
+    np.testing.assert_allclose(_updated(now, again), now, rtol=1e-5, atol=1e-28)
 
 
-@pytest.mark.parametrize("factor", [1.0, 4.0, 100.0])
+@pytest.mark.parametrize("factor", [1.2, 4.0, 100.0])
 def test_with_a_worse_measurement_of_the_same_data_it_counts_as_if_alone(factor: float) -> None:
+    """Covariance and estimate: the filter is corrected by the worse one, then by the new part of the better one."""
     r = np.array([[4e-20, 1e-20, 0.0], [1e-20, 2e-20, 0.0], [0.0, 0.0, 1e-20]])
-    before = _covariance(np.array([1e-16, 2e-16, 1e-18]))
+    worse, better = np.array([[3e-9, -1e-9, 2e-9], [2.5e-9, -1.2e-9, 2.1e-9]])
+    before, alone = _covariance(np.array([1e-16, 2e-16, 1e-18])), _measurement(r)._replace(innovation=better)
+    x = _gain(before, _measurement(factor * r)) @ worse
     now = _updated(before, _measurement(factor * r))
-    both = _updated(now, without_known(_measurement(r), before, now))
-    np.testing.assert_allclose(both, _updated(before, _measurement(r)), rtol=1e-4, atol=1e-25)
+    new = without_known(alone._replace(innovation=better - alone.h @ x), before, now, better)
+    # the floor of the inverse, 1e-6 of the noise, over the part that is new, a sixth at least
+    np.testing.assert_allclose(_updated(now, new), _updated(before, alone), rtol=1e-4, atol=1e-25)
+    found = x + _gain(now, new) @ new.innovation
+    np.testing.assert_allclose(found[GYRO_BIAS], (_gain(before, alone) @ better)[GYRO_BIAS], rtol=1e-4)
 
 
 def test_what_another_process_has_widened_is_no_information() -> None:
     m, before = _measurement(1e-20 * np.eye(3)), _covariance(np.full(3, 1e-18))
-    np.testing.assert_allclose(without_known(m, before, 4.0 * before).r, m.r, rtol=1e-9)
+    new = without_known(m, before, 4.0 * before, np.zeros(3))
+    np.testing.assert_allclose(new.r, m.r, rtol=1e-9)
