@@ -160,7 +160,7 @@ def _pipe(stream: IO[str] | None) -> IO[str]:
 
 
 def _processed(bag: Path, result: Path) -> None:
-    """What ins_process makes of the recording; what it says goes to a file, as with the nodes."""
+    """The result of ins_process for the recording; its output goes to a file, as that of the nodes."""
     command = (bag, "-o", result, "--params-file", PARAMETERS, "--nodes", *NODES, "--overwrite")
     log = result.with_suffix(".log")
     with log.open("w") as file, contextlib.redirect_stdout(file), contextlib.redirect_stderr(file):
@@ -199,7 +199,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     counts = {"ins_node": result.diagnostics, "alignment_node": mission.last_status(live, "alignment")}
     print(f"\n{mission.accuracy(dive, reference, comparison)}\n")
     print(f"{mission.aids(counts['alignment_node'])}\n")
-    columns = {name: _handled(published, says) for name, says in counts.items()}
+    columns = {name: _handled(published, values) for name, values in counts.items()}
     if latency is not None:
         columns["ins_node"]["latency sample to Odometry, median / 99 %, ms"] = " / ".join(f"{x:.2f}" for x in latency)
     print(f"{table(columns)}\n\n{mission.agreement(result, same)}")
@@ -210,9 +210,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _handled(published: int, says: dict[str, str]) -> dict[str, str]:
+def _handled(published: int, values: dict[str, str]) -> dict[str, str]:
     """What became of the samples in a node, by its diagnostics."""
-    received, used = (value for key, value in says.items() if key in _COUNTS)
+    received, used = (value for key, value in values.items() if key in _COUNTS)
     return {"IMU samples played / received / used": f"{published} / {received} / {used}"}
 
 

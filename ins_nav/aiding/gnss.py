@@ -100,8 +100,8 @@ class GnssReceiver:
         twice = 2.0 * np.cross(vector, arm)
         offset = noise + arm + w[:, None] * twice + np.cross(vector, twice)
         lat, lon, height = moved(truth.lat[index], truth.lon[index], truth.height[index], offset)
-        seen = truth.height[index] + (offset - noise)[:, 2] >= self.lowest
-        return Fixes(stamps_ns[index][seen], lat[seen], lon[seen], height[seen], stddev)
+        visible = truth.height[index] + (offset - noise)[:, 2] >= self.lowest
+        return Fixes(stamps_ns[index][visible], lat[visible], lon[visible], height[visible], stddev)
 
 
 def simulated_receiver(world: World) -> GnssReceiver:

@@ -113,6 +113,6 @@ class GnssVelocity(Aid[GnssVelocityParameters]):
         index = world.instants(p.velocity_rate, "gnss.velocity_rate")
         noise = p.velocity_stddev * world.stream("gnss.velocity").standard_normal((len(index), 3))
         velocity = turned(world.truth.q_nb[index], world.velocity_body(index, receiver.lever_arm)) + noise
-        seen = world.height(index, receiver.lever_arm) >= receiver.lowest
-        stamps_ns = world.stamps_ns[index][seen]
-        return {cls.TOPIC: VelocityReadings(stamps_ns, velocity[seen], p.velocity_stddev, cls.MESSAGE_TYPES[0])}
+        visible = world.height(index, receiver.lever_arm) >= receiver.lowest
+        stamps_ns = world.stamps_ns[index][visible]
+        return {cls.TOPIC: VelocityReadings(stamps_ns, velocity[visible], p.velocity_stddev, cls.MESSAGE_TYPES[0])}

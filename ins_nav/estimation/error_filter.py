@@ -412,10 +412,10 @@ def _unit(x: Array) -> tuple[float, float, float]:
 def _grow(p: Array, states: slice, h: Array, misfit: Array, predicted: Array) -> bool:
     """Scale the covariance block of the states, in place, until the misfit's normalized square is its expectation."""
     block = p[states, states].copy()
-    seen = h @ block @ h.T
+    projected = h @ block @ h.T
     factor = 0.0
     for _ in range(60):
-        if misfit @ np.linalg.solve(predicted + factor * seen, misfit) <= len(misfit):
+        if misfit @ np.linalg.solve(predicted + factor * projected, misfit) <= len(misfit):
             p[states, states] += factor * block
             return True
         factor = 4.0 * factor + 1.0

@@ -341,7 +341,7 @@ def rotation_matrix(q: Quaternion) -> Array:
 
 
 def azimuth(state: NavState) -> tuple[float, float]:
-    """Cosine and sine of the turn that takes vectors from n to east-north-up (`strapdown.geodetic`)."""
+    """Cosine and sine of the turn of vectors from n to east-north-up (`strapdown.geodetic`)."""
     ex, ey, ez, ew = state[7:11]
     c, s = ey * ez + ex * ew, ex * ez - ey * ew
     norm = math.hypot(c, s)

@@ -122,7 +122,7 @@ class ImuErrors:
         return columns
 
     def correction(self, values: Sequence[float] | Array) -> Array | None:
-        """Matrix that takes a reading less its bias to the true reading, shape (6, 6); None where nothing changes.
+        """Matrix from a reading less its bias to the true reading, shape (6, 6); None where nothing changes.
 
         Parameters
         ----------

@@ -177,7 +177,7 @@ class Motion:
     x, y, z : Signal
         Position on the plane, m.
     speed : Signal, optional
-        Horizontal speed in the direction of yaw, m/s; the path it makes is added to x and y.
+        Horizontal speed in the direction of yaw, m/s; its path is added to x and y.
     """
 
     def __init__(

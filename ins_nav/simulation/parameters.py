@@ -114,7 +114,7 @@ def _aid_parameters() -> dict[str, Parameter]:
 
 
 def _of_row(row: Row) -> Parameter:
-    """A list of at most one number takes any number of them."""
+    """A default list of at most one number allows any number of them."""
     default: Any = tuple(row.default) if isinstance(row.default, list) else row.default
     many = isinstance(default, tuple) and len(default) < 2
     return Parameter(default, "", row.description, row.low, row.high, row.choices, many)

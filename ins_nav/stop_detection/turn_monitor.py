@@ -22,7 +22,7 @@ _LINE = 600
 _TURN = math.radians(5.0)
 """Yaw from its mean that is a turn: people and swell yaw by less. And tilt from one stillness to the next."""
 _TURN_MEMORY = 200
-"""Blocks over which that mean is taken: a turn by 5° in them is no drift."""
+"""Blocks of that mean: a turn by 5° in them is no drift."""
 _TURN_BEGINS = math.radians(1.0)
 """A larger angle certainly belongs to a turn."""
 _YAW_SWAY = 0.003
