@@ -13,6 +13,9 @@ from numpy.typing import NDArray
 from bench.markdown import table
 from ins_nav.cli.process import input_topics, input_types
 from ins_nav.config.declaration import DEG_PER_HOUR
+from ins_nav.estimation import covariance_propagation
+from ins_nav.estimation.error_filter import ErrorFilter
+from ins_nav.estimation.state_layout import HORIZONTAL_POSITION, POSITION
 from ins_nav.mechanization import nav_state, strapdown
 from ins_nav.mechanization.nav_state import NavState
 from ins_nav.mechanization.strapdown import Sample
@@ -56,6 +59,8 @@ class Departure(NamedTuple):
     """s."""
     error: float
     """How far the position's error has moved after `_FREE` of free inertial, m; NaN when the recording ends before."""
+    stddev: float
+    """Of that, by the covariance at the end of the stop, m."""
     gyro_bias: Array
     """In use, rad/s."""
 
@@ -78,7 +83,7 @@ def go(bag: Path, way: Way) -> Journey:
     reference = read_reference(bag)
     assert reference is not None
     taken: list[tuple[int, Array]] = []
-    departures: list[tuple[int, int, int, NavState, Array]] = []
+    departures: list[tuple[int, int, int, NavState, Array, ErrorFilter]] = []
     states: list[tuple[int, NavState]] = []
     stopped, since = False, 0
     with BagReader(bag) as reader:
@@ -95,40 +100,54 @@ def go(bag: Path, way: Way) -> Journey:
                 continue
             # biases out of these samples are put back: later ones may differ
             sample = np.array([*navigator.angular_velocity, *navigator.specific_force])
-            sample[:3] += navigator.gyro_bias
+            sample += [*navigator.gyro_bias, *navigator.accel_bias]
             taken.append((navigator.stamp_ns, sample))
             states.append((navigator.stamp_ns, navigator.state))
             detector = system.front_end.detector
             if stopped and not detector.stopped:
-                bias = np.array(navigator.gyro_bias)
-                departures.append((since, detector.since_ns, len(taken) - 1, navigator.state, bias))
+                bias = np.array([*navigator.gyro_bias, *navigator.accel_bias])
+                span, i = (since, detector.since_ns), len(taken) - 1
+                departures.append((*span, i, navigator.state, bias, _filter(system)))
             stopped, since = detector.stopped, detector.since_ns
         first_ns = reader.start_ns
     stamps = np.array([stamp for stamp, _ in taken])
     values = np.array([sample for _, sample in taken])
     positions = reference.position
     found = []
-    for began, ended, i, state, bias in departures:
+    for began, ended, i, state, bias, errors in departures:
         if (ended - began) * _NS < _LEAST:
             continue
         last = int(np.searchsorted(stamps, stamps[i] + _FREE / _NS))
-        moved = math.nan
+        moved = stddev = math.nan
         if last < len(stamps) and stamps[last] <= positions.stamps_ns[-1]:
-            after = _free(state, stamps[i - 1 : last + 1], values[i - 1 : last + 1] - [*bias, 0.0, 0.0, 0.0])
+            after = _free(state, errors, stamps[i - 1 : last + 1], values[i - 1 : last + 1] - bias)
             change = _error(after, int(stamps[last]), positions) - _error(state, int(stamps[i]), positions)
             moved = float(np.hypot(*change))
-        found.append(Departure((began - first_ns) * _NS, (ended - began) * _NS, moved, bias))
+            stddev = math.sqrt(float(errors.p.diagonal()[HORIZONTAL_POSITION].sum()))
+        found.append(Departure((began - first_ns) * _NS, (ended - began) * _NS, moved, stddev, bias[:3]))
     last_ns = int(positions.stamps_ns[positions.stamps_ns <= stamps[-1]][-1])
     nearest = states[int(np.argmin(np.abs(stamps - last_ns)))]
     return Journey(found, float(np.hypot(*_error(nearest[1], nearest[0], positions))), system.services.solved)
 
 
-def _free(state: NavState, stamps: NDArray[np.int64], values: Array) -> NavState:
-    """Free inertial from the second of the stamps, where the state is, to the last."""
+def _filter(system: NavigationSystem) -> ErrorFilter:
+    """A filter with the errors of the present solution, position exact."""
+    navigator = system.realtime
+    assert navigator.covariance is not None
+    covariance = navigator.covariance
+    covariance[POSITION, :] = covariance[:, POSITION] = 0.0
+    model = covariance_propagation.error_model(system.configuration, navigator.accuracy.white_noise)
+    return covariance_propagation.filter_of(model, covariance)
+
+
+def _free(state: NavState, errors: ErrorFilter, stamps: NDArray[np.int64], values: Array) -> NavState:
+    """Free inertial from the second of the stamps, where state and errors are, to the last."""
     intervals = np.diff(stamps) * _NS
     rows: list[Sample] = np.column_stack([intervals, values[1:]]).tolist()
     for previous, sample in itertools.pairwise(rows):
+        before = state
         state = strapdown.step(state, previous, sample, False, False)
+        errors.propagate(before, state, sample[0])
     return state
 
 
@@ -163,15 +182,19 @@ def _kingston(ways: Sequence[Way], journeys: Sequence[Journey]) -> str:
     whole = journeys[2].departures
     rows: list[Sequence[object]] = []
     for i, one in enumerate(whole):
-        errors = [journey.departures[i].error for journey in journeys]
-        if not math.isnan(errors[0]):
+        if not math.isnan(one.error):
+            same = [journey.departures[i] for journey in journeys]
+            cells = [_moved(each.error, each.error / each.stddev) for each in same]
             vertical = one.gyro_bias[2] / DEG_PER_HOUR
-            rows.append([f"{one.began:.0f} s, {one.length:.0f} s long", *map(_metres, errors), f"{vertical:+.2f}"])
-    rms = [math.sqrt(np.nanmean([one.error**2 for one in journey.departures])) for journey in journeys]
+            rows.append([f"{one.began:.0f} s, {one.length:.0f} s long", *cells, f"{vertical:+.2f}"])
+    rms = []
+    for journey in journeys:
+        both = np.array([(one.error, one.error / one.stddev) for one in journey.departures])
+        rms.append(_moved(*np.sqrt(np.nanmean(both**2, axis=0)).tolist()))
     worst = max(abs(one.gyro_bias[2] / DEG_PER_HOUR - _VERTICAL_DRIFT) for one in whole)
-    rows.append(["RMS", *map(_metres, rms), f"off by {worst:.2f} (limit 2)"])
+    rows.append(["RMS", *rms, f"off by {worst:.2f} (limit 2)"])
     head = [
-        f"kingston_a, from the stop at: error after {_FREE:g} s, m",
+        f"kingston_a, from the stop at: error after {_FREE:g} s, m (over its sigma)",
         *(way.name for way in ways),
         f"vertical drift, °/h (known {_VERTICAL_DRIFT:g})",
     ]
@@ -198,3 +221,7 @@ def _drive(ways: Sequence[Way], journeys: Sequence[Journey]) -> str:
 
 def _metres(value: float) -> str:
     return f"{value:.1f}" if value >= 10.0 else f"{value:.2f}"
+
+
+def _moved(error: float, ratio: float) -> str:
+    return f"{_metres(error)} ({ratio:.2f})"

@@ -35,6 +35,8 @@ References
 ----------
 .. [1] I. Skog, P. Händel, J.-O. Nilsson, J. Rantakokko, "Zero-velocity detection: an algorithm evaluation", IEEE
        Transactions on Biomedical Engineering, 2010, vol. 57, no. 11.
+.. [2] R. E. Krichevsky, V. K. Trofimov, "The Performance of Universal Encoding", IEEE Transactions on Information
+       Theory, 1981, vol. 27, no. 2: the probability of an event that was not observed in n trials, 0.5 / (n + 1).
 """
 
 import cmath
@@ -120,14 +122,17 @@ class Change(NamedTuple):
     decided_ns : int
         Stamp of the sample of the decision.
     speed_stddev : float
-        Of the dead reckoned speed at the beginning of a stop, m/s: large where the braking was not observed, as
-        after a gap.
+        Of the dead reckoned speed at the beginning of a stop, m/s: large after a gap or a long drive.
+    stillness : float
+        Logarithm of the odds of rest against even motion by stillness alone: of a carrier that has shaken all the
+        time while it moved, stillness is evidence.
     """
 
     stopped: bool
     stamp_ns: int
     decided_ns: int
     speed_stddev: float = 0.0
+    stillness: float = 0.0
 
 
 class StopDetector:
@@ -182,6 +187,7 @@ class StopDetector:
         self._track: deque[_Place] = deque(maxlen=_HISTORY)
         self._turns = TurnMonitor()
         self._still = self._sure = self._glided = 0
+        self._shaken = self._smooth = 0
         self._doubt = 0.0
         self._glides = Glides()
         self._next_sway_ns = self._due = 0
@@ -297,8 +303,15 @@ class StopDetector:
         wx, wy, wz, fx, fy, fz = spread
         offset, variance = self._reckoning.rate_offset(mean[:3])
         turning = float((offset * offset / (rate2 / n + variance)).sum())
-        self.shake = ((wx + wy + wz) / rate2 + (fx + fy + fz) / force2 + turning) / self._shake_threshold
-        self._still = self._still + 1 if self.shake < 1.0 else 0
+        shaking = (wx + wy + wz) / rate2 + (fx + fy + fz) / force2
+        self.shake = (shaking + turning) / self._shake_threshold
+        if self.shake < 1.0:
+            self._still += 1
+            return spread
+        if not self.stopped:
+            self._smooth += self._still
+            self._shaken += shaking > self._shake_threshold  # a turn alone is even motion
+        self._still = 0
         return spread
 
     def _arrive(self, accel: float) -> Change | None:
@@ -334,13 +347,25 @@ class StopDetector:
         self.stopped = True
         self.since_ns = max(began, self.since_ns)
         speed_stddev = reckoning.speed_stddev
+        stillness = self._stillness()
         self._doubt = min(speed_stddev, _ROLL)
         self._sure = self._glided = self._due = 0
+        self._shaken = self._smooth = 0
         self._glides.velocities.clear()
         reckoning.rest(_REST_SPEED)
         self._turns.stand(reckoning)
         self._track.clear()  # velocities before this correction are no measure of those after it
-        return Change(True, self.since_ns, self.stamp_ns, speed_stddev)
+        return Change(True, self.since_ns, self.stamp_ns, speed_stddev, stillness)
+
+    def _stillness(self) -> float:
+        """`Change.stillness`: at rest the base is still, in motion with the share of the drive ([2]_) that was even.
+
+        Windows of an even glide are the independent samples.
+        """
+        if not self._still:
+            return 0.0
+        shaken, smooth = self._shaken / _EVEN_BLOCKS, self._smooth / _EVEN_BLOCKS
+        return math.log((shaken + smooth + 1.0) / (smooth + 0.5))
 
     def _may_glide(self) -> bool:
         """Whether stillness is no evidence: this carrier has moved without shaking before, and may do so now."""

@@ -70,13 +70,14 @@ class _Interval:
     ----------
     begin_ns, end_ns : int
         Stamps between which samples are stationary.
-    speed_stddev : float
-        As `Change.speed_stddev`.
+    speed_stddev, stillness : float
+        As of `Change`.
     """
 
     begin_ns: int
     end_ns: int
     speed_stddev: float = 0.0
+    stillness: float = 0.0
 
 
 @dataclass
@@ -170,7 +171,8 @@ class StationaryUpdates:
     def change(self, change: Change) -> None:
         """A stop begins or ends."""
         if change.stopped:
-            self._stops.append(_Interval(change.stamp_ns + _ARRIVAL_NS, _NEVER_NS, change.speed_stddev))
+            begin_ns = change.stamp_ns + _ARRIVAL_NS
+            self._stops.append(_Interval(begin_ns, _NEVER_NS, change.speed_stddev, change.stillness))
         elif self._stops:
             self._stops[-1].end_ns = change.stamp_ns - MARGIN_NS
 
@@ -296,16 +298,17 @@ class StationaryUpdates:
     def _is_usable(self, speed: float, stddev: float, stamp_ns: int) -> bool:
         """Whether the carrier rests, by the speed of the solution and its sigma, m/s; a stop that is none ends.
 
-        Even motion looks like rest. A detector that observed the braking is overruled only by a speed far beyond its
-        sigma. One that did not (after a gap) says no more than that the carrier rests or moves evenly at any speed: the
-        stop is used when the odds of rest are high, and waits for a more certain speed until then.
+        Even motion looks like rest. A detector that is certain, by the velocity that it reckoned and by stillness, is
+        overruled only by a speed far beyond its sigma. Otherwise (after a gap, or a long drive of a carrier that seldom
+        shakes) the speed of the solution decides with stillness: the stop is used when the odds of rest are high, and
+        waits for a more certain speed until then.
         """
-        if self._stops[0].speed_stddev <= DOUBT_SPEED:
+        stop = self._stops[0]
+        if stop.stillness + self._odds(stop.speed_stddev) > _ODDS:
             usable = speed <= DOUBT_SPEED + DOUBT_SIGMAS * stddev
             ended = not usable
         else:
-            variance = 0.5 * stddev**2 + self._stddev**2
-            odds = math.log(1.0 + _CARRIER_SPEED**2 / variance) - speed**2 / (2.0 * variance)
+            odds = stop.stillness + self._odds(math.sqrt(0.5) * stddev, speed)
             usable, ended = odds > _ODDS, odds < -_ODDS
         if ended:
             text = f"stop: the IMU seems to rest, but the solution moves at {speed:.1f} m/s: it is even motion"
@@ -314,6 +317,11 @@ class StationaryUpdates:
         if not usable:
             self._leave()
         return usable
+
+    def _odds(self, stddev: float, speed: float = 0.0) -> float:
+        """Logarithm of the odds of rest by a speed and the sigma of each component, m/s."""
+        variance = stddev**2 + self._stddev**2
+        return math.log(1.0 + _CARRIER_SPEED**2 / variance) - speed**2 / (2.0 * variance)
 
     def _called(self, until_ns: int) -> bool:
         """Whether ZUPT was called up to this stamp; such calls are done with."""

@@ -89,6 +89,41 @@ def test_gaps() -> None:
     assert detector.stopped and detector.rest_ns == pytest.approx(9.98e9, abs=0.2e9)
 
 
+def _vertical(seconds: float, shakes: bool, begin: float, turn: float = 0.0) -> list[tuple[int, Any]]:
+    """Samples at 20 Hz from a time on; vibration of 2 m/s² along the vertical does not change horizontal velocity."""
+    times = begin + 0.05 * np.arange(round(20.0 * seconds))
+    force = 9.81 + (2.0 * np.sin(2.0 * math.pi * 3.3 * times) if shakes else 0.0 * times)
+    return [
+        (round(1e9 * t), (0.05, 0.0, 0.0, turn, 0.0, 0.0, f))
+        for t, f in zip(times.tolist(), force.tolist(), strict=True)
+    ]
+
+
+def _stillness(*parts: list[tuple[int, Any]]) -> float:
+    """That of the only stop that begins."""
+    detector = StopDetector()
+    changes = [detector.add(stamp, sample) for part in parts for stamp, sample in part]
+    (began,) = [change for change in changes if change is not None]
+    return began.stillness
+
+
+def test_stillness_is_evidence_of_rest_after_shaking_only() -> None:
+    """Odds of 2 without any knowledge; a window of 4 s in which the carrier shakes in motion adds 2."""
+    rest = _vertical(3.0, False, 64.0)
+    # the windows at both ends of the vibration are part of it
+    assert _stillness(_vertical(64.0, True, 0.0), rest) == pytest.approx(math.log(34.0), abs=0.1)
+    # an even turn is no shaking, only its end: in the window of 1 s
+    assert _stillness(_vertical(64.0, False, 0.0, turn=0.1), rest) == pytest.approx(math.log(2.0 * 1.25), abs=0.1)
+    # after a gap of 2 s nothing is known of the carrier
+    gap = [(stamp + 2 * 10**9, (2.0, *sample[1:]) if i == 0 else sample) for i, (stamp, sample) in enumerate(rest)]
+    assert _stillness(_vertical(64.0, True, 0.0), gap) == pytest.approx(math.log(2.0))
+    # 1.5 s of each 4 are even, of which 0.6 s after the window of 1 s
+    often = [
+        part for t in np.arange(0.0, 64.0, 4.0) for part in (_vertical(1.5, False, t), _vertical(2.5, True, t + 1.5))
+    ]
+    assert _stillness(*often, rest) == pytest.approx(math.log(17.0 / 2.9), abs=0.2)
+
+
 def test_noise_is_estimated_or_given() -> None:
     """0.3 °/√h and 150 µg/√Hz, over 0.1 s; learnt to a third (three axes, the least of some minutes)."""
     standing = samples(simulate("static", 1, duration=120.0, rate=50.0, **{"imu.preset": "mems"}))

@@ -1,12 +1,15 @@
 """Stops as measurements: when a sample is one of a stop, and what an earlier measurement leaves of the information."""
 
+import math
+
 import numpy as np
 import pytest
 
 from ins_nav.aiding.parameters import configuration
 from ins_nav.estimation.observation import Measurement
-from ins_nav.estimation.state_layout import GYRO_BIAS, SIZE
+from ins_nav.estimation.state_layout import GYRO_BIAS, HORIZONTAL_VELOCITY, SIZE
 from ins_nav.event_log import EventLog
+from ins_nav.mechanization.nav_state import initial_state
 from ins_nav.stop_detection.detector import Change
 from ins_nav.zupt.measurements import without_known
 from ins_nav.zupt.stationary_updates import MARGIN_NS, StationaryUpdates
@@ -41,6 +44,36 @@ def test_a_stop_ends_a_margin_before_its_detected_end() -> None:
 def test_the_stop_that_lasts_when_the_filter_starts_counts_at_once() -> None:
     updates = _updates(100 * NS)
     assert not updates.is_active(100 * NS) and updates.is_active(100 * NS + 1)
+
+
+UNKNOWN, SHAKES = math.log(2.0), math.log(70.0)
+"""`Change.stillness` after a gap; of a carrier that has shaken for 140 s of driving."""
+
+
+@pytest.mark.parametrize(
+    ("speed_stddev", "stillness", "speed", "stddev", "used", "doubted"),
+    [
+        pytest.param(12.7, SHAKES, 0.4, 1.9, True, False, id="minutes of a shaking drive: stillness decides"),
+        pytest.param(30.0, UNKNOWN, 0.4, 1.9, False, False, id="after a gap: waits for a more certain speed"),
+        pytest.param(30.0, UNKNOWN, 0.4, 0.3, True, False, id="after a gap: the solution is certain of rest"),
+        pytest.param(30.0, UNKNOWN, 12.0, 1.9, False, True, id="after a gap: the solution is certain of motion"),
+        pytest.param(30.0, SHAKES, 12.0, 1.9, False, True, id="stillness against a certain motion"),
+        pytest.param(0.2, UNKNOWN, 1.0, 0.02, True, False, id="the detector is certain: the filter's sigma is wrong"),
+        pytest.param(0.2, UNKNOWN, 9.0, 0.02, False, True, id="the detector is certain, the solution is far away"),
+    ],
+)
+def test_a_stop_counts_by_the_odds_of_rest(
+    speed_stddev: float, stillness: float, speed: float, stddev: float, used: bool, doubted: bool
+) -> None:
+    updates = _updates(None)
+    updates.change(Change(True, 0, 2 * NS, speed_stddev, stillness))
+    p = np.zeros((SIZE, SIZE))
+    p[HORIZONTAL_VELOCITY, HORIZONTAL_VELOCITY] = stddev**2 * np.eye(2)
+    state = initial_state(0.9, 0.4, 0.0, (speed, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+    sample, still = (0.1, 0.0, 0.0, 0.0, 0.0, 0.0, 9.81), ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    found = [name for i in range(30) for name, _ in updates.add(2 * NS + i * NS // 10, sample, sample, state, still, p)]
+    assert bool(found) == used
+    assert updates.is_active(5 * NS) != doubted
 
 
 # Information of the same data
