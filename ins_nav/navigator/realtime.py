@@ -41,6 +41,8 @@ class RealtimeNavigator:
         Of the newest sample on base_link's axes, biases removed; rad/s, m/s².
     accuracy : CovariancePropagation
         Covariance of the solution.
+    correction : ndarray, shape (6, 6), or None
+        Of samples, by the further errors of the IMU in use (`ins_nav.estimation.imu_error`).
     buffer : ReplayBuffer
         The last seconds of samples and states.
     changes : int
@@ -120,7 +122,7 @@ class RealtimeNavigator:
                 self._apply(self._local)
 
     def _set_sample(self, raw: Sample) -> None:
-        sample = without_bias(corrected(self._correction, raw), self.gyro_bias, self.accel_bias)
+        sample = without_bias(corrected(self.correction, raw), self.gyro_bias, self.accel_bias)
         self._previous = sample
         self.angular_velocity = sample[1:4]
         self.specific_force = sample[4:7]
@@ -128,7 +130,7 @@ class RealtimeNavigator:
     def _set_imu_errors(self, values: tuple[float, ...]) -> None:
         """Use these values of the further errors of the IMU, where they are those of this configuration."""
         self._imu_error_values = values if len(values) == self._imu_errors.size else (0.0,) * self._imu_errors.size
-        self._correction = self._imu_errors.correction(self._imu_error_values)
+        self.correction = self._imu_errors.correction(self._imu_error_values)
 
     # --- corrections
 
@@ -161,7 +163,7 @@ class RealtimeNavigator:
         self._fine = not correction.aligned
         self.changes += 1
         self.state = self.buffer.reintegrate(
-            entry.stamp_ns, correction.state, self.gyro_bias, self.accel_bias, self._correction
+            entry.stamp_ns, correction.state, self.gyro_bias, self.accel_bias, self.correction
         )
         self.accuracy.catch_up(correction.state, self.buffer)
         self._set_sample(self.front_end.raw)

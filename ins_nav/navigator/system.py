@@ -110,7 +110,8 @@ class NavigationSystem:
     def _moment(self) -> Moment:
         realtime = self.realtime
         assert realtime.state is not None
-        return Moment(realtime.state, realtime.gyro_bias, realtime.accel_bias, realtime.accuracy.covariance)
+        biases = realtime.gyro_bias, realtime.accel_bias
+        return Moment(realtime.state, *biases, realtime.accuracy.covariance, realtime.correction)
 
     # --- input
 

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from ins_nav.alignment.gravity_cone import GravityCone
 from ins_nav.config.sections import ImuSection, ZuptSection
 from ins_nav.estimation.error_model import Vector
+from ins_nav.estimation.imu_error import corrected
 from ins_nav.estimation.state_layout import GYRO_BIAS, HEADING
 from ins_nav.mechanization.nav_state import NavState, heading_change, up_axis
 from ins_nav.mechanization.replay_buffer import ReplayBuffer
@@ -55,12 +56,15 @@ class Moment(NamedTuple):
         In use, rad/s and m/s².
     covariance : ndarray, shape (15, 15)
         Of the errors (`ins_nav.estimation.error_model`).
+    correction : ndarray, shape (6, 6), or None
+        Of the further errors of the IMU in use (`ins_nav.estimation.imu_error`).
     """
 
     state: NavState
     gyro_bias: Vector
     accel_bias: Vector
     covariance: Array
+    correction: Array | None = None
 
 
 class Answer(NamedTuple):
@@ -255,9 +259,10 @@ class ZuptServices:
             ux, uy, uz = up_axis(entry.state)
             x, y, z = x + h * ux, y + h * uy, z + h * uz
         if stop is not None:
-            previous = without_bias(buffer.at(self._settled_ns).raw, stop.gyro_bias, stop.accel_bias)
+            biases, matrix = (stop.gyro_bias, stop.accel_bias), moment.correction
+            previous = without_bias(corrected(matrix, buffer.at(self._settled_ns).raw), *biases)
             for entry in entries:
-                sample = without_bias(entry.raw, stop.gyro_bias, stop.accel_bias)
+                sample = without_bias(corrected(matrix, entry.raw), *biases)
                 stop.rest.add(previous, sample, self._instantaneous)
                 previous = sample
         turn = np.array([x, y, z])

@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ins_nav.estimation.error_model import Array, Vector
+from ins_nav.estimation.innovation_gate import GATE, limit
 from ins_nav.estimation.observation import Measurement, Solution
 from ins_nav.estimation.state_layout import GYRO_BIAS, HEADING, SIZE, VELOCITY
 from ins_nav.mechanization.nav_state import NavState, heading_change
@@ -124,7 +125,9 @@ def without_known(measurement: Measurement, before: Array, now: Array, uncorrect
     The measurement covers a span of data. Other measurements of that span have changed estimate and covariance of
     ``h x`` from their values before the span to the present ones; the differences of information vector and information
     matrix are theirs. Both are subtracted from the measurement's, so that together they count as the measurement alone.
-    A direction in which the filter has learnt more keeps the filter's estimate.
+    A direction in which the filter has learnt more keeps the filter's estimate. An estimate before the span that the
+    measurement contradicts (a drift has changed) has its covariance increased until they agree; a present estimate that
+    it contradicts is no knowledge.
 
     Parameters
     ----------
@@ -139,10 +142,15 @@ def without_known(measurement: Measurement, before: Array, now: Array, uncorrect
     white = np.linalg.inv(root)
     # whitened by the measurement's noise: its information is the unit matrix
     known = [white @ h @ p[:SIZE, :SIZE] @ h.T @ white.T for p in (before, now)]
+    present, past = white @ measurement.innovation, white @ uncorrected
+    squares = [z @ np.linalg.solve(p + np.eye(len(r)), z) for z, p in zip((past, present), known, strict=True)]
+    if squares[1] > limit(len(r), GATE):
+        return measurement
+    if squares[0] > limit(len(r), GATE):
+        known[0] *= squares[0] / len(r)
     floor = (_EXACT + 1e-15 * float(np.trace(known[0]))) * np.eye(len(r))
     prior = np.linalg.inv(known[0] + floor)
     learnt = np.linalg.inv(known[1] + floor) - prior
-    present, past = white @ measurement.innovation, white @ uncorrected
     shares, axes = np.linalg.eigh(0.5 * (learnt + learnt.T))
     # information vector of what was learnt: that of the present estimate, zero, less that of the past one
     z = axes.T @ present + np.where(shares > 0.0, axes.T @ (prior @ (present - past)), 0.0)

@@ -124,6 +124,17 @@ def test_with_a_worse_measurement_of_the_same_data_it_counts_as_if_alone(factor:
     np.testing.assert_allclose(found[GYRO_BIAS], (_gain(before, alone) @ better)[GYRO_BIAS], rtol=1e-4)
 
 
+def test_a_contradicted_estimate_before_does_not_bias_the_present_one() -> None:
+    """A drift has changed by 1000 of its sigmas, and the filter, widened, has followed."""
+    m, before, step = _measurement(1e-20 * np.eye(3)), _covariance(np.full(3, 2e-18)), np.array([0.0, 0.0, 1.4e-6])
+    new = without_known(m, before, before, step)
+    # 1e-10 is the sigma of the measurement
+    np.testing.assert_allclose(new.innovation, 0.0, atol=1e-12)
+    # before the filter has followed, its estimate is no information
+    new = without_known(m._replace(innovation=step), before, 0.5 * before, step)
+    np.testing.assert_array_equal(new.innovation, step)
+
+
 def test_what_another_process_has_widened_is_no_information() -> None:
     m, before = _measurement(1e-20 * np.eye(3)), _covariance(np.full(3, 1e-18))
     new = without_known(m, before, 4.0 * before, np.zeros(3))
