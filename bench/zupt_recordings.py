@@ -82,7 +82,7 @@ def go(bag: Path, way: Way) -> Journey:
     calls = ScheduledCalls(system, lambda _stopped: None) if way.calls else None
     reference = read_reference(bag)
     assert reference is not None
-    taken: list[tuple[int, Array]] = []
+    samples: list[tuple[int, Array]] = []
     departures: list[tuple[int, int, int, NavState, Array, ErrorFilter]] = []
     states: list[tuple[int, NavState]] = []
     stopped, since = False, 0
@@ -101,17 +101,17 @@ def go(bag: Path, way: Way) -> Journey:
             # biases out of these samples are put back: later ones may differ
             sample = np.array([*navigator.angular_velocity, *navigator.specific_force])
             sample += [*navigator.gyro_bias, *navigator.accel_bias]
-            taken.append((navigator.stamp_ns, sample))
+            samples.append((navigator.stamp_ns, sample))
             states.append((navigator.stamp_ns, navigator.state))
             detector = system.front_end.detector
             if stopped and not detector.stopped:
                 bias = np.array([*navigator.gyro_bias, *navigator.accel_bias])
-                span, i = (since, detector.since_ns), len(taken) - 1
+                span, i = (since, detector.since_ns), len(samples) - 1
                 departures.append((*span, i, navigator.state, bias, _filter(system)))
             stopped, since = detector.stopped, detector.since_ns
         first_ns = reader.start_ns
-    stamps = np.array([stamp for stamp, _ in taken])
-    values = np.array([sample for _, sample in taken])
+    stamps = np.array([stamp for stamp, _ in samples])
+    values = np.array([sample for _, sample in samples])
     positions = reference.position
     found = []
     for began, ended, i, state, bias, errors in departures:

@@ -297,7 +297,7 @@ class ZuptServices:
         Raises
         ------
         ZuptError
-            The text says why not.
+            The text names the reason.
         """
         stop, result = self._measured(speed, speed_stddev)
         if self._first is None:

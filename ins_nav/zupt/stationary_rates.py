@@ -1,4 +1,4 @@
-"""A stop, from its first sample on: what it says of the gyros' drift, of level and of yaw.
+"""Residual rates of a stationary carrier, level and yaw, from the first sample of a stop on.
 
 The measurement of every ``b`` of the ZUPT equations (`zupt_equations`). At rest the platform's residual tilt rate shows
 in specific force carried into inertial space, exactly as in coarse alignment: the same series, the same noise, but
@@ -88,7 +88,7 @@ class StationaryRates:
         return self._cone.time
 
     def add(self, previous: Sample, sample: Sample, instantaneous: bool) -> None:
-        """Take one sample, biases in use removed, as `ins_nav.mechanization.strapdown.step` does."""
+        """Add one sample, biases in use removed, as in `ins_nav.mechanization.strapdown.step`."""
         self._cone.add(previous, sample, instantaneous)
 
     def result(self, accel_bias_stddev: float = 0.0, until: float = math.inf) -> StationaryRatesResult:
@@ -191,7 +191,7 @@ def _too_short(duration: float) -> ZuptError:
 def _still(ends: Array, force: Array, attitudes: Array) -> slice:
     """The blocks without those at both ends in which the vehicle turned or was accelerated unlike in the rest.
 
-    Yaw tells a turn that has hardly begun, in a unit that would see drift a thousand times slower.
+    Yaw shows a turn that has hardly begun: drift is a thousand times slower.
     """
     yaw = np.unwrap(np.arctan2(attitudes[:, 1, 0], attitudes[:, 0, 0]))
     series = np.column_stack([np.gradient(yaw, ends), force])

@@ -2,7 +2,7 @@
 
 On settled data only: the ends of a stop are certain. Mean velocity over a second is zero but for what the base sways
 (people in a vehicle, its springs, wind). How much that is shows in the scatter of these means about a parabola, for
-errors of the solution are smooth: a still base tells of level and heading twenty times more than a busy one.
+errors of the solution are smooth: level and heading are twenty times better known on a still base than on a busy one.
 
 A ZUPT call measures the residual rates of the whole stop. Zero velocity and an earlier call are of the same data: what
 the filter has learnt of these rates since the stop began is left out of the information (`without_known`).
@@ -47,9 +47,9 @@ MARGIN_NS = 1_000_000_000
 _ARRIVAL_NS = 1_000_000_000
 """ns after its beginning that are none."""
 _SCATTER = 6, 60
-"""Mean velocities, at least and at most, whose scatter is taken: fewer tell nothing, more are no parabola."""
+"""Mean velocities, at least and at most, of the scatter: fewer do not determine it, more are no parabola."""
 _LEAST_SWAY = 5e-4
-"""m/s: no base is believed to be stiller."""
+"""m/s: least sway of a base."""
 _CARRIER_SPEED = 30.0
 """m/s: each component of the velocity of a carrier that moves, standard deviation."""
 _LATE_NS = 500_000_000
@@ -113,7 +113,7 @@ class _Record:
 
 
 class StationaryUpdates:
-    """What the settled samples of stops say.
+    """Measurements from the settled samples of stops.
 
     Parameters
     ----------
@@ -209,7 +209,7 @@ class StationaryUpdates:
         biases: tuple[Vector, Vector],
         covariance: Array,
     ) -> list[tuple[str, Make]]:
-        """Take a settled sample; measurements with their names.
+        """Add a settled sample; measurements with their names.
 
         Parameters
         ----------

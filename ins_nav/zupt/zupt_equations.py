@@ -376,8 +376,8 @@ def zupt1_nonlinear(first: StopMeasurement, second: StopMeasurement) -> Calibrat
     """Drifts and azimuth without the drift of yaw ([1]_, (9)): for a base whose yaw varies.
 
     Two drifts are expressed through the third, sin² + cos² = 1 gives it; of the two roots the one nearer to no
-    drift is taken, which is right as long as the drifts are small beside the Earth's rate. One of the positions must
-    be far from the horizon, or the third drift does not show.
+    drift is the solution, which is right as long as the drifts are small beside the Earth's rate. One of the positions
+    must be far from the horizon, or the third drift does not show.
 
     Raises
     ------
