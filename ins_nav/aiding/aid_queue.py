@@ -8,7 +8,7 @@ from typing import Any
 from ins_nav.aiding.base import Aid, Observation, Unusable
 from ins_nav.aiding.registry import by_topic
 from ins_nav.event_log import WARN, EventLog
-from ins_nav.mechanization.replay_buffer import LENGTH_NS
+from ins_nav.mechanization.stamped_rows import LENGTH_NS
 from ins_nav.stamps import NS
 
 _NEVER_NS = 2**62

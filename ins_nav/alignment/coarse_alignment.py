@@ -140,6 +140,15 @@ class CoarseAlignment:
         if self.cone.add(previous, sample, instantaneous):
             self._check(self.cone.blocks())
 
+    @property
+    def run_left(self) -> float:
+        """Time in which the data is neither checked nor complete, s."""
+        return min(self.cone.block_left, self.cone.duration - self.cone.time)
+
+    def add_run(self, previous: Sample, samples: NDArray[np.float64], instantaneous: bool) -> None:
+        """Add samples, shape (n, 7), within `run_left`, as `add` would one after the other; compiled."""
+        self.cone.add_block(previous, samples, instantaneous)
+
     def _check(self, blocks: Blocks) -> None:
         """Raise unless this is an IMU at rest or rocking."""
         size = float(np.linalg.norm(blocks.force[-1]))

@@ -154,6 +154,11 @@ class GravityCone:
         return self.time - self._block_start
 
     @property
+    def block_left(self) -> float:
+        """Time until the present block is complete, s."""
+        return self._least_length - (self.time - self._block_start)
+
+    @property
     def complete(self) -> bool:
         """Whether all samples of the intended length, and no others, are stored."""
         return self.time <= 1.01 * self.duration and len(self._samples) < MAX_SAMPLES
@@ -162,7 +167,7 @@ class GravityCone:
         """Add one sample, as `ins_nav.mechanization.strapdown.step` does; True when a block was completed."""
         if self.time < self._keep_until and len(self._samples) < MAX_SAMPLES:
             self._keep(previous, [sample], instantaneous)
-        self.q_b0b, self.rest = carry(self.q_b0b, self.rest, previous, sample, instantaneous)
+        self.q_b0b, self.rest = compiled(carry)(self.q_b0b, self.rest, previous, sample, instantaneous)
         self.time += sample[0]
         return self._end_block()
 

@@ -6,11 +6,16 @@ import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
+import numpy as np
+
 from ins_nav.aiding.registry import create_aids
 from ins_nav.config.parameters import Value, parse_assignment, read_file
 from ins_nav.errors import InsNavError, Interrupted, for_people
-from ins_nav.messages import diagnostics, inputs
+from ins_nav.mechanization.replay_buffer import Entries
+from ins_nav.messages import diagnostics
+from ins_nav.messages.cdr import ImuSample, read_imu
 from ins_nav.messages.solution import SolutionMessages, fill_bias
+from ins_nav.navigator.correction import NEVER_NS
 from ins_nav.navigator.system import NavigationSystem, ScheduledCalls
 from ins_nav.recordings.bags import (
     BagError,
@@ -23,11 +28,14 @@ from ins_nav.recordings.bags import (
     message,
     suggestion,
 )
+from ins_nav.stamps import set_stamp
 
 _IMU, _DIAGNOSTICS = "sensor_msgs/msg/Imu", "diagnostic_msgs/msg/DiagnosticArray"
 _BOOL = "std_msgs/msg/Bool"
 _SECOND = 1_000_000_000
 _IMU_TOPIC = "/imu/data_raw"
+_MOST = 10_000
+"""Messages of a batch: diagnostics end one after a second, unless the bag's stamps do not go on."""
 Inputs = dict[str, tuple[str, ...]]
 """Topics that are read, with their types."""
 NODES = ("ins_node", "stop_detector_node", "alignment_node")
@@ -45,7 +53,7 @@ class Recorder:
         self._base_link = navigator.configuration.frames.base_link
         self._out = SolutionMessages(navigator)
         self._topics = {"odometry": self._out.odometry, "imu/data": self._out.imu, "fix": self._out.fix}
-        self._next_diagnostics_ns = 0
+        self.next_diagnostics_ns = 0
         self.written = 0
         """Solutions written."""
         for topic, content in self._topics.items():
@@ -58,25 +66,30 @@ class Recorder:
         """Record whether the vehicle is stopped."""
         self._writer.write("stopped", _BOOL, message(_BOOL, data=value), self._navigator.stamp_ns)
 
-    def solution(self) -> None:
-        """Record the navigator's new solution."""
-        out, stamp_ns = self._out, self._navigator.stamp_ns
-        if not out.due():
-            return
+    def solutions(self) -> None:
+        """Record the navigator's new solutions."""
+        entries = self._navigator.entries
+        for row, stamp_ns in enumerate(entries.stamps.tolist()):
+            if self._out.due(stamp_ns):
+                self._solution(entries, row, stamp_ns)
+
+    def _solution(self, entries: Entries, row: int, stamp_ns: int) -> None:
+        out = self._out
         if out.first:
             bias = message(_IMU)
             fill_bias(bias, self._navigator, self._base_link)
+            set_stamp(bias, stamp_ns)
             self._writer.write("imu/bias", _IMU, bias, stamp_ns)
-        out.fill()
+        out.fill(entries, row)
         for topic, content in self._topics.items():
             self._writer.write_raw(topic, content.msgtype, content.serialized(), stamp_ns)
         self.written += 1
 
     def tick(self, stamp_ns: int, last: bool = False) -> None:
         """Write diagnostics once a second of recorded time, and at its end."""
-        if stamp_ns < self._next_diagnostics_ns and not last:
+        if stamp_ns < self.next_diagnostics_ns and not last:
             return
-        self._next_diagnostics_ns = stamp_ns + _SECOND
+        self.next_diagnostics_ns = stamp_ns + _SECOND
         statuses = {"navigation": diagnostics.diagnostics(self._navigator, self._system.services.solved)}
         if self._aided:
             statuses["alignment"] = diagnostics.alignment_diagnostics(self._system.delayed)
@@ -142,18 +155,67 @@ def parse_remaps(texts: Iterable[str]) -> dict[str, str]:
     return remap
 
 
-def _with_progress(
-    reader: BagReader, raw_messages: Iterable[RawMessage], system: NavigationSystem
-) -> Iterator[RawMessage]:
-    """The messages, with a bar over the recording's time; the system's reports are printed above it."""
+Batch = list[RawMessage]
+"""Messages of the IMU that follow each other, or one other message."""
+
+
+def _batches(raw_messages: Iterable[RawMessage], names: dict[str, str], recorder: Recorder) -> Iterator[Batch]:
+    """The messages in batches; one ends where diagnostics are due."""
+    batch: Batch = []
+    try:
+        for raw in raw_messages:
+            if names[raw.topic] != _IMU_TOPIC:
+                if batch:
+                    yield batch
+                    batch = []
+                yield [raw]
+                continue
+            batch.append(raw)
+            if raw.stamp_ns >= recorder.next_diagnostics_ns or len(batch) == _MOST:
+                yield batch
+                batch = []
+    except DamagedBagError:
+        if batch:
+            yield batch
+        raise
+    if batch:
+        yield batch
+
+
+def _read_imu(raw: RawMessage, reader: BagReader) -> ImuSample:
+    try:
+        return read_imu(raw.data)
+    except ValueError as error:
+        raise reader.invalid(raw, error) from error
+
+
+def _add_imu(
+    samples: list[ImuSample], system: NavigationSystem, recorder: Recorder, calls: ScheduledCalls | None
+) -> None:
+    """Process samples that follow each other, and record their solutions."""
+    stamps = np.array([sample[0] for sample in samples], dtype=np.int64)
+    values = np.array([sample[1:] for sample in samples])
+    first = 0
+    while first < len(stamps):
+        until_ns = NEVER_NS if calls is None else calls.due_ns
+        count, new = system.add_imu_run(stamps[first:], values[first:], until_ns)
+        first += count
+        if new:
+            recorder.solutions()
+        if calls is not None and system.front_end.stamp_ns:
+            calls.after_sample()
+
+
+def _with_progress(reader: BagReader, batches: Iterable[Batch], system: NavigationSystem) -> Iterator[Batch]:
+    """The batches, with a bar over the recording's time; the system's reports are printed above it."""
     from tqdm import tqdm
 
     duration = (reader.end_ns - reader.start_ns) / _SECOND
     layout = "{l_bar}{bar}| {n:.0f}/{total:.0f} s [{elapsed}<{remaining}{postfix}]"
     with tqdm(total=duration, disable=None, bar_format=layout) as bar:
-        for raw in raw_messages:
-            yield raw
-            done = (raw.stamp_ns - reader.start_ns) / _SECOND
+        for batch in batches:
+            yield batch
+            done = (batch[-1].stamp_ns - reader.start_ns) / _SECOND
             if done - bar.n >= 1.0:
                 bar.set_postfix_str(_phase(system), refresh=False)
                 bar.update(done - bar.n)
@@ -195,15 +257,16 @@ def main(argv: Sequence[str] | None = None) -> int | None:
             recorder = Recorder(writer, system, aided)
             calls = ScheduledCalls(system, recorder.stopped) if "stop_detector_node" in args.nodes else None
             try:
-                for raw in _with_progress(reader, reader.messages(names), system):
-                    topic, content = names[raw.topic], reader.deserialize(raw)
-                    if topic != _IMU_TOPIC:
-                        system.add(topic.removeprefix("/"), content)
-                    elif system.add_imu(*inputs.read_imu(content)):
-                        recorder.solution()
-                    if calls is not None and system.front_end.stamp_ns:
-                        calls.after_sample()
-                    recorder.tick(raw.stamp_ns)
+                batches = _batches(reader.messages(names), names, recorder)
+                for batch in _with_progress(reader, batches, system):
+                    topic = names[batch[0].topic]
+                    if topic == _IMU_TOPIC:
+                        _add_imu([_read_imu(raw, reader) for raw in batch], system, recorder, calls)
+                    else:
+                        system.add(topic.removeprefix("/"), reader.deserialize(batch[0]))
+                        if calls is not None and system.front_end.stamp_ns:
+                            calls.after_sample()
+                    recorder.tick(batch[-1].stamp_ns)
             except DamagedBagError as error:
                 damage = error
             except Interrupted:

@@ -31,7 +31,8 @@ from ins_nav.estimation.state_layout import (
 from ins_nav.estimation.states import kinds
 from ins_nav.mechanization.earth import known_surface
 from ins_nav.mechanization.nav_state import NavState
-from ins_nav.mechanization.replay_buffer import LENGTH_NS, ReplayBuffer
+from ins_nav.mechanization.replay_buffer import ReplayBuffer
+from ins_nav.mechanization.stamped_rows import LENGTH_NS
 
 _STEP_NS, _LONGEST_NS = 100_000_000, 500_000_000
 """ns of data over which the covariance is propagated in one step: the first where the body turns, the second where it
@@ -39,7 +40,7 @@ turns by less than `_TURN` in it (`ErrorModel.transition`)."""
 _TURN = 0.1
 """rad."""
 _GRAVITY = 9.81
-_NEVER_NS = 2**63
+_NEVER_NS = 2**63 - 1
 _REGULAR = 1e-9
 """Share of a variance that keeps a matrix regular whose parts are fully correlated."""
 _NOTHING = 1e-40
@@ -135,6 +136,8 @@ class CovariancePropagation:
     ----------
     count : int
         Number of changes of the covariance.
+    due_ns : int
+        Earlier states need no propagation.
     """
 
     def __init__(self, configuration: Configuration) -> None:
@@ -157,7 +160,7 @@ class CovariancePropagation:
         self._idle[BIASES, BIASES] = self.covariance[BIASES, BIASES]
         self._filter = None
         self._epochs: deque[_Epoch] = deque()
-        self._stamp_ns = self._due_ns = 0
+        self._stamp_ns = self.due_ns = 0
         self._state: NavState = NavState(*(0.0,) * 12)
         self.count += 1
 
@@ -188,9 +191,9 @@ class CovariancePropagation:
 
     def advance(self, stamp_ns: int, state: NavState) -> None:
         """Propagate to the newest state, which no correction has changed."""
-        if stamp_ns < self._due_ns:
+        if stamp_ns < self.due_ns:
             return
-        self._due_ns = stamp_ns + _STEP_NS
+        self.due_ns = stamp_ns + _STEP_NS
         if stamp_ns - self._stamp_ns >= _LONGEST_NS or _turn(self._state, state) > _TURN:
             self._propagate(stamp_ns, state)
 
@@ -214,11 +217,11 @@ class CovariancePropagation:
         if self._epochs and self._epochs[-1].stamp_ns == stamp_ns:
             self._epochs.pop()
         self._keep(stamp_ns, state)
-        entry = None
-        for entry in history.between(stamp_ns, _NEVER_NS):
-            self.advance(entry.stamp_ns, entry.state)
-        if entry is not None and entry.stamp_ns > self._stamp_ns:
-            self._propagate(entry.stamp_ns, entry.state)
+        stamps, _, states = history.between(stamp_ns, _NEVER_NS)
+        while (row := int(np.searchsorted(stamps, self.due_ns))) < len(stamps):
+            self.advance(int(stamps[row]), NavState._make(states[row].tolist()))
+        if len(stamps) and stamps[-1] > self._stamp_ns:
+            self._propagate(int(stamps[-1]), NavState._make(states[-1].tolist()))
 
     def _propagate(self, stamp_ns: int, state: NavState) -> None:
         assert self._filter is not None
@@ -232,7 +235,7 @@ class CovariancePropagation:
         while len(epochs) > 1 and epochs[1].stamp_ns < stamp_ns - LENGTH_NS:
             epochs.popleft()
         self._stamp_ns, self._state = stamp_ns, state
-        self._due_ns = stamp_ns + _STEP_NS
+        self.due_ns = stamp_ns + _STEP_NS
         self.count += 1
 
 

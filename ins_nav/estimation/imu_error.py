@@ -30,7 +30,6 @@ from numpy.typing import NDArray
 
 from ins_nav.config.declaration import Section, parameter
 from ins_nav.estimation.slow_state import SlowState
-from ins_nav.mechanization.strapdown import Sample
 
 Array = NDArray[np.float64]
 READING = 6
@@ -133,11 +132,3 @@ class ImuErrors:
             return None
         matrix: Array = np.linalg.inv(np.eye(READING) + np.einsum("k,kij->ij", values, self._matrices))
         return matrix
-
-
-def corrected(matrix: Array | None, sample: Sample) -> Sample:
-    """A sample, its reading corrected by the matrix of `ImuErrors.correction`."""
-    if matrix is None:
-        return sample
-    wx, wy, wz, fx, fy, fz = (matrix @ sample[1:]).tolist()
-    return sample[0], wx, wy, wz, fx, fy, fz

@@ -6,7 +6,6 @@ wrong stamp costs one sample and a looped bag restarts cleanly.
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +14,7 @@ from ins_nav.config.sections import ImuSection
 from ins_nav.event_log import ERROR, INFO, WARN, EventLog
 from ins_nav.mechanization.compiled import compiled
 from ins_nav.mechanization.sample_interval import FIRST_GAP, SampleInterval
-from ins_nav.mechanization.strapdown import Sample
+from ins_nav.mechanization.strapdown import SAMPLE_SIZE, Sample
 
 TOPIC = "imu/data_raw"
 _RESTART_BACK = 1.0
@@ -29,24 +28,6 @@ Restart = float
 """Seconds by which the stamps jumped: what came before is over."""
 Outcome = tuple[tuple[int, Sample | Restart], ...]
 """Stamped, in order."""
-
-
-class Block(NamedTuple):
-    """What came of a block of messages.
-
-    Attributes
-    ----------
-    stamps : ndarray of int64, shape (m,)
-        Of the accepted samples, ns.
-    samples : ndarray, shape (m, 7)
-        The accepted samples, a `Sample` a row.
-    restarts : list of (int, Restart)
-        Each before the sample of that row.
-    """
-
-    stamps: NDArray[np.int64]
-    samples: NDArray[np.float64]
-    restarts: list[tuple[int, Restart]]
 
 
 def regular_interval(
@@ -92,26 +73,24 @@ def regular_interval(
 def _regular_run(
     stamps: NDArray[np.int64],
     values: NDArray[np.float64],
-    first: int,
     last_ns: int,
     until_ns: int,
     regular: float,
     max_rate2: float,
     max_force2: float,
     samples: NDArray[np.float64],
-    row: int,
 ) -> int:
-    """Write the regular samples from ``first`` on into the rows from ``row`` on; the number of them."""
-    for i in range(first, len(stamps)):
+    """Write the samples that come before the first irregular one; the number of them."""
+    for i in range(len(stamps)):
         wx, wy, wz, fx, fy, fz = values[i]
         h = regular_interval(stamps[i], last_ns, until_ns, regular, max_rate2, max_force2, wx, wy, wz, fx, fy, fz)
         if h == 0.0:
-            return i - first
+            return i
         sample = h, wx, wy, wz, fx, fy, fz
         for j in range(len(sample)):
-            samples[row + i - first, j] = sample[j]
+            samples[i, j] = sample[j]
         last_ns = stamps[i]
-    return len(stamps) - first
+    return len(stamps)
 
 
 class ImuStream:
@@ -192,8 +171,8 @@ class ImuStream:
         interval.intervals.append(h)
         return ((stamp_ns, (h, wx, wy, wz, fx, fy, fz)),)
 
-    def accept_block(self, stamps: NDArray[np.int64], values: NDArray[np.float64]) -> Block:
-        """Check a block of messages, as `accept` would one after the other; compiled.
+    def accept_run(self, stamps: NDArray[np.int64], values: NDArray[np.float64], until_ns: int) -> NDArray[np.float64]:
+        """Check the first of a block of messages, up to an irregular one, as `accept` would one by one; compiled.
 
         Parameters
         ----------
@@ -201,32 +180,26 @@ class ImuStream:
             ns.
         values : ndarray, shape (n, 6)
             Angular rate, rad/s, and specific force, m/s².
+        until_ns : int
+            Only messages with earlier stamps are checked.
+
+        Returns
+        -------
+        ndarray, shape (m, 7)
+            Samples of the first m messages, a `Sample` a row. The next message is for `accept`.
         """
-        n = len(stamps)
-        values = np.ascontiguousarray(values, dtype=float)
-        out = Block(np.empty(n + 1, dtype=np.int64), np.empty((n + 1, 7)), [])  # with the pending one
-        run = compiled(_regular_run)
-        limits = self._max_rate2, self._max_force2
-        i = row = 0
-        self.received += n
-        while i < n:
-            interval = self._interval
-            count = run(stamps, values, i, self._stamp, self._until_ns, interval.regular, *limits, out.samples, row)
-            if count:
-                out.stamps[row : row + count] = stamps[i : i + count]
-                interval.intervals.extend(out.samples[row : row + count, 0].tolist())
-                i, row = i + count, row + count
-                self.accepted += count
-                self._stamp, self._last = int(stamps[i - 1]), tuple(values[i - 1].tolist())
-            if i < n:
-                for stamp, item in self._examine(int(stamps[i]), tuple(values[i].tolist())):
-                    if isinstance(item, float):
-                        out.restarts.append((row, item))
-                    else:
-                        out.stamps[row], out.samples[row] = stamp, item
-                        row += 1
-                i += 1
-        return Block(out.stamps[:row], out.samples[:row], out.restarts)
+        samples = np.empty((len(stamps), SAMPLE_SIZE))
+        limits = self._interval.regular, self._max_rate2, self._max_force2
+        count = compiled(_regular_run)(stamps, values, self._stamp, min(until_ns, self._until_ns), *limits, samples)
+        samples = samples[:count]
+        if count:
+            self.received += count
+            self.accepted += count
+            self._interval.intervals.extend(samples[:, 0].tolist())
+            self._stamp = int(stamps[count - 1])
+            wx, wy, wz, fx, fy, fz = values[count - 1].tolist()
+            self._last = wx, wy, wz, fx, fy, fz
+        return samples
 
     def _examine(self, stamp_ns: int, values: Values) -> Outcome:
         """A sample that `regular_interval` does not accept."""

@@ -1,7 +1,5 @@
-"""The last seconds of samples and states: a state of the past is corrected, and what came after it run again."""
+"""The last seconds of samples and states: a state of the past is corrected, and the samples since re-integrated."""
 
-import itertools
-from collections import deque
 from typing import NamedTuple
 
 import numpy as np
@@ -9,72 +7,97 @@ from numpy.typing import NDArray
 
 from ins_nav.mechanization import strapdown
 from ins_nav.mechanization.earth import NO_WATER
-from ins_nav.mechanization.nav_state import NavState
-from ins_nav.mechanization.strapdown import Sample
-
-Vector = tuple[float, float, float]
-LENGTH_NS = 12_000_000_000
-"""ns: the slowest start of a drive is noticed in less."""
+from ins_nav.mechanization.nav_state import STATE_SIZE, NavState
+from ins_nav.mechanization.stamped_rows import StampedRows
+from ins_nav.mechanization.strapdown import Compensation, Sample, sample_of
 
 
 class Entry(NamedTuple):
-    """A sample, biases still in it, and the state at its stamp."""
+    """A sample, biases not removed, and the state at its stamp."""
 
     stamp_ns: int
     raw: Sample
     state: NavState
 
 
+class Entries(NamedTuple):
+    """Entries as arrays, oldest first; views, valid until the next sample.
+
+    Attributes
+    ----------
+    stamps : ndarray of int64, shape (n,)
+        ns.
+    samples : ndarray, shape (n, 7)
+        On base_link's axes, biases not removed; a `Sample` a row.
+    states : ndarray, shape (n, STATE_SIZE)
+        A `NavState` a row.
+    """
+
+    stamps: NDArray[np.int64]
+    samples: NDArray[np.float64]
+    states: NDArray[np.float64]
+
+
 class ReplayBuffer:
-    """Samples on base_link's axes with the states they led to, oldest first.
+    """The states at stored samples, from that of `begin` on.
 
     Parameters
     ----------
+    samples : StampedRows
+        Samples on base_link's axes, biases not removed.
     instantaneous, vertical, water_surface
         As in `ins_nav.mechanization.strapdown.step`.
     """
 
-    def __init__(self, instantaneous: bool, vertical: bool, water_surface: float = NO_WATER) -> None:
-        self._water_surface = water_surface
-        self._instantaneous = instantaneous
-        self._vertical = vertical
-        self._entries: deque[Entry] = deque()
+    def __init__(
+        self, samples: StampedRows, instantaneous: bool, vertical: bool, water_surface: float = NO_WATER
+    ) -> None:
+        self._settings = instantaneous, vertical, water_surface
+        self._rows = samples
+        self._states = samples.add_array(STATE_SIZE)
+        self._first_ns = 0
 
-    def __len__(self) -> int:
-        return len(self._entries)
+    def begin(self, state: NavState) -> None:
+        """The state at the newest sample is the first."""
+        rows = self._rows
+        self._first_ns = int(rows.stamps[rows.size - 1])
+        rows.arrays[self._states][rows.size - 1] = state
 
-    def clear(self) -> None:
-        """Forget everything."""
-        self._entries.clear()
+    def integrate(self, count: int, compensation: Compensation) -> None:
+        """Integrate the newest samples, so many.
 
-    def add(self, stamp_ns: int, raw: Sample, state: NavState) -> None:
-        """Append the newest."""
-        entries = self._entries
-        entries.append(Entry(stamp_ns, raw, state))
-        oldest = stamp_ns - LENGTH_NS
-        while entries[0].stamp_ns < oldest:
-            entries.popleft()
+        Parameters
+        ----------
+        count : int
+        compensation : Compensation
+            Of the samples.
+        """
+        self._fill(self._rows.size - count, compensation)
+
+    @property
+    def newest(self) -> NavState:
+        """The state at the newest sample."""
+        return NavState._make(self._rows.arrays[self._states][self._rows.size - 1].tolist())
 
     def at(self, stamp_ns: int) -> Entry:
-        """The newest entry that is not after the stamp; the oldest where all are."""
-        for entry in reversed(self._entries):
-            if entry.stamp_ns <= stamp_ns:
-                return entry
-        return self._entries[0]
+        """The newest entry that is not after the stamp; the oldest of the last 12 s where all are."""
+        row = max(self._rows.count(max(stamp_ns, self._first_ns)) - 1, self._rows.oldest)
+        state = NavState._make(self._rows.arrays[self._states][row].tolist())
+        return Entry(int(self._rows.stamps[row]), sample_of(self._rows.arrays[0][row]), state)
 
-    def between(self, after_ns: int, until_ns: int) -> list[Entry]:
+    def between(self, after_ns: int, until_ns: int) -> Entries:
         """Entries with ``after_ns`` < stamp <= ``until_ns``."""
-        newest = itertools.dropwhile(lambda entry: entry.stamp_ns > until_ns, reversed(self._entries))
-        return list(itertools.takewhile(lambda entry: entry.stamp_ns > after_ns, newest))[::-1]
+        return self._entries(self._rows.count(max(after_ns, self._first_ns - 1)), self._rows.count(until_ns))
 
-    def reintegrate(
-        self,
-        stamp_ns: int,
-        state: NavState,
-        gyro_bias: Vector,
-        accel_bias: Vector,
-        correction: NDArray[np.float64] | None = None,
-    ) -> NavState:
+    def last(self, count: int) -> Entries:
+        """The newest entries, so many."""
+        return self._entries(self._rows.size - count, self._rows.size)
+
+    def _entries(self, first: int, until: int) -> Entries:
+        rows = self._rows
+        return Entries(rows.stamps[first:until], rows.arrays[0][first:until], rows.arrays[self._states][first:until])
+
+    def reintegrate(self, stamp_ns: int, state: NavState, compensation: Compensation) -> NavState:
         """Replace the state at the entry of that stamp and integrate the samples since again.
 
         Parameters
@@ -82,37 +105,22 @@ class ReplayBuffer:
         stamp_ns : int
             Of an entry.
         state : NavState
-        gyro_bias, accel_bias : 3 floats
-            Removed from the samples, rad/s and m/s².
-        correction : ndarray, shape (6, 6), optional
-            Multiplies the readings before.
+        compensation : Compensation
+            Of the samples.
 
         Returns
         -------
         NavState
             At the newest stamp.
         """
-        later: list[Entry] = []
-        while self._entries[-1].stamp_ns > stamp_ns:
-            later.append(self._entries.pop())
-        start = self._entries.pop()
-        self._entries.append(start._replace(state=state))
-        if not later:
-            return state
-        later.reverse()
-        samples = np.array([entry.raw for entry in (start, *later)])
-        if correction is not None:
-            samples[:, 1:] = samples[:, 1:] @ correction.T
-        states = strapdown.integrate(
-            state,
-            tuple(samples[0].tolist()),
-            samples[1:],
-            gyro_bias,
-            accel_bias,
-            instantaneous=self._instantaneous,
-            vertical=self._vertical,
-            water_surface=self._water_surface,
+        following = self._rows.count(stamp_ns)
+        self._rows.arrays[self._states][following - 1] = state
+        self._fill(following, compensation)
+        return self.newest
+
+    def _fill(self, first: int, compensation: Compensation) -> None:
+        """Integrate from the entry before this row on."""
+        rows = self._rows
+        strapdown.fill_states(
+            rows.arrays[0], rows.arrays[self._states], first, rows.size, compensation, *self._settings
         )
-        for entry, row in zip(later, states.tolist(), strict=True):
-            self._entries.append(entry._replace(state=NavState._make(row)))
-        return self._entries[-1].state

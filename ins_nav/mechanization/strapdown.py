@@ -4,8 +4,8 @@ The navigation frame n is horizontal, its z axis up, free in azimuth: it does no
 relative to the Earth (the frame Mx of the alignment paper). Nothing here divides by cos(latitude), so the
 poles are places like any other. Its azimuth ``chi`` against east-north-up is read off the position matrix.
 
-`step` is the only implementation. A live node calls it as it is; `integrate` runs the same function, compiled
-by numba, over a recording.
+`step` is the only implementation. It runs compiled by numba: over one sample in a live node, over blocks in a
+recording (`fill_states`).
 
 References
 ----------
@@ -16,6 +16,7 @@ References
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +36,13 @@ from ins_nav.mechanization.nav_state import STATE_SIZE, NavState
 
 Sample = tuple[float, float, float, float, float, float, float]
 """(interval, rate x y z, specific force x y z): s, rad/s, m/s²."""
+SAMPLE_SIZE = 7
+
+
+def sample_of(row: NDArray[np.float64]) -> Sample:
+    """A row of an array of samples, shape (7,), as plain numbers."""
+    h, wx, wy, wz, fx, fy, fz = row.tolist()
+    return h, wx, wy, wz, fx, fy, fz
 
 
 def compensated_increments(
@@ -285,39 +293,127 @@ def without_bias(sample: Sample, gyro_bias: Vector, accel_bias: Vector) -> Sampl
     return h, wx - gx, wy - gy, wz - gz, fx - ax, fy - ay, fz - az
 
 
-def _integrate(
-    state: NavState,
-    previous: Sample,
+class Compensation(NamedTuple):
+    """Errors of the IMU in use, which are removed from samples.
+
+    Attributes
+    ----------
+    gyro_bias, accel_bias : 3 floats
+        rad/s and m/s².
+    matrix : ndarray, shape (6, 6), or None
+        Multiplies a reading before (`ins_nav.estimation.imu_error.ImuErrors.correction`); None: identity.
+    """
+
+    gyro_bias: Vector
+    accel_bias: Vector
+    matrix: NDArray[np.float64] | None = None
+
+
+NO_COMPENSATION = Compensation((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+
+
+def _component(row: NDArray[np.float64], wx: float, wy: float, wz: float, fx: float, fy: float, fz: float) -> float:
+    return row[0] * wx + row[1] * wy + row[2] * wz + row[3] * fx + row[4] * fy + row[5] * fz  # type: ignore[no-any-return]
+
+
+def compensated(
+    sample: Sample, gyro_bias: Vector, accel_bias: Vector, matrix: NDArray[np.float64] | None = None
+) -> Sample:
+    """A sample, errors of the IMU removed.
+
+    Parameters
+    ----------
+    sample : Sample
+    gyro_bias, accel_bias, matrix
+        As in `Compensation`.
+    """
+    if matrix is not None:
+        h, wx, wy, wz, fx, fy, fz = sample
+        sample = (
+            h,
+            _component(matrix[0], wx, wy, wz, fx, fy, fz),
+            _component(matrix[1], wx, wy, wz, fx, fy, fz),
+            _component(matrix[2], wx, wy, wz, fx, fy, fz),
+            _component(matrix[3], wx, wy, wz, fx, fy, fz),
+            _component(matrix[4], wx, wy, wz, fx, fy, fz),
+            _component(matrix[5], wx, wy, wz, fx, fy, fz),
+        )
+    return without_bias(sample, gyro_bias, accel_bias)
+
+
+def compensated_rows(samples: NDArray[np.float64], compensation: Compensation) -> NDArray[np.float64]:
+    """`compensated` for each row of samples, shape (n, 7)."""
+    gyro_bias, accel_bias, matrix = compensation
+    readings = samples[:, 1:] if matrix is None else samples[:, 1:] @ matrix.T
+    return np.column_stack([samples[:, 0], readings - np.array([*gyro_bias, *accel_bias])])
+
+
+def _fill_states(
     samples: NDArray[np.float64],
+    states: NDArray[np.float64],
+    first: int,
+    until: int,
     gyro_bias: Vector,
     accel_bias: Vector,
+    matrix: NDArray[np.float64] | None,
     instantaneous: bool,
     vertical: bool,
     water_surface: float,
-    states: NDArray[np.float64],
 ) -> None:
-    previous = without_bias(previous, gyro_bias, accel_bias)
-    for i in range(len(samples)):
+    h, wx, wy, wz, fx, fy, fz = samples[first - 1]
+    previous = compensated((h, wx, wy, wz, fx, fy, fz), gyro_bias, accel_bias, matrix)
+    qx, qy, qz, qw, vx, vy, vz, ex, ey, ez, ew, height = states[first - 1]
+    state = NavState(qx, qy, qz, qw, vx, vy, vz, ex, ey, ez, ew, height)
+    for i in range(first, until):
         h, wx, wy, wz, fx, fy, fz = samples[i]
-        sample = without_bias((h, wx, wy, wz, fx, fy, fz), gyro_bias, accel_bias)
+        sample = compensated((h, wx, wy, wz, fx, fy, fz), gyro_bias, accel_bias, matrix)
         state = step(state, previous, sample, instantaneous, vertical, water_surface)
         previous = sample
         for j in range(len(state)):
             states[i, j] = state[j]
 
 
+def fill_states(
+    samples: NDArray[np.float64],
+    states: NDArray[np.float64],
+    first: int,
+    until: int,
+    compensation: Compensation,
+    instantaneous: bool,
+    vertical: bool,
+    water_surface: float,
+) -> None:
+    """Run `step` from the state of the row before ``first`` over the samples up to ``until``, compiled.
+
+    One sample of the live tick, a block, and the samples since a correction are all integrated here.
+
+    Parameters
+    ----------
+    samples : ndarray, shape (n, 7)
+        Interval, angular rate, specific force a row.
+    states : ndarray, shape (n, STATE_SIZE)
+        At the stamps of the samples; those of the rows from ``first`` to ``until`` are written.
+    first, until : int
+        ``first`` is at least 1, ``until`` is not included.
+    compensation : Compensation
+        Of the samples.
+    instantaneous, vertical, water_surface
+        As in `step`.
+    """
+    compiled(_fill_states)(samples, states, first, until, *compensation, instantaneous, vertical, water_surface)
+
+
 def integrate(
     state: NavState,
     previous: Sample,
     samples: NDArray[np.float64],
-    gyro_bias: Vector = (0.0, 0.0, 0.0),
-    accel_bias: Vector = (0.0, 0.0, 0.0),
+    compensation: Compensation = NO_COMPENSATION,
     *,
     instantaneous: bool = False,
     vertical: bool = True,
     water_surface: float = NO_WATER,
 ) -> NDArray[np.float64]:
-    """Run `step` over a block of samples, or a whole recording, compiled.
+    """`fill_states` over samples that follow a state.
 
     Parameters
     ----------
@@ -326,9 +422,9 @@ def integrate(
     previous : Sample
         The sample before the first; where there is none, the first itself.
     samples : ndarray, shape (n, 7)
-        Interval, angular rate, specific force a row, biases still in it.
-    gyro_bias, accel_bias : 3 floats
-        Removed from ``previous`` and the samples, rad/s and m/s².
+        Interval, angular rate, specific force a row.
+    compensation : Compensation
+        Of ``previous`` and the samples.
     instantaneous, vertical, water_surface
         As in `step`.
 
@@ -337,17 +433,20 @@ def integrate(
     ndarray, shape (n, STATE_SIZE)
         The state at each sample's stamp.
     """
-    samples = np.ascontiguousarray(samples, dtype=float)
-    states = np.empty((len(samples), STATE_SIZE))
-    compiled(_integrate)(
-        NavState._make(state), previous, samples, gyro_bias, accel_bias, instantaneous, vertical, water_surface, states
-    )
-    return states
+    rows = np.empty((len(samples) + 1, SAMPLE_SIZE))
+    rows[0], rows[1:] = previous, samples
+    states = np.empty((len(rows), STATE_SIZE))
+    states[0] = state
+    fill_states(rows, states, 1, len(rows), compensation, instantaneous, vertical, water_surface)
+    return states[1:]
 
 
 def prepare() -> None:
-    """Compile `integrate`, or load it from the cache, before samples arrive.
+    """Compile `fill_states`, or load it from the cache, before samples arrive.
 
     0.5 s with numba's import, several seconds the first time on a machine: a live node cannot wait that long later.
     """
-    integrate(NavState(*(0.0,) * STATE_SIZE), (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), np.empty((0, 7)))
+    for matrix in (None, np.eye(6)):
+        integrate(
+            NavState(*(0.0,) * STATE_SIZE), (0.0,) * 7, np.empty((0, 7)), Compensation(*NO_COMPENSATION[:2], matrix)
+        )

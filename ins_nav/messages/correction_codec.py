@@ -21,7 +21,7 @@ from ins_nav.config.parameters import Value
 from ins_nav.errors import InsNavError
 from ins_nav.estimation.state_layout import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, POSITION, SOLUTION_SIZE, VELOCITY
 from ins_nav.mechanization.nav_state import NavState
-from ins_nav.mechanization.replay_buffer import LENGTH_NS
+from ins_nav.mechanization.stamped_rows import LENGTH_NS
 from ins_nav.messages.named_numbers import Fields, NamedNumbers, RejectedMessageError, element, pack, unpack
 from ins_nav.navigator.correction import Correction
 from ins_nav.stamps import NS

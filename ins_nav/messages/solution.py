@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ins_nav.config.sections import Vector
 from ins_nav.estimation import error_model
 from ins_nav.estimation.state_layout import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, POSE, POSITION, VELOCITY
 from ins_nav.mechanization.attitude import Quaternion, conjugate, multiply
@@ -20,12 +21,13 @@ from ins_nav.mechanization.nav_state import (
     position_in,
     velocity_body,
 )
+from ins_nav.mechanization.replay_buffer import Entries
+from ins_nav.mechanization.strapdown import NO_COMPENSATION, SAMPLE_SIZE, Compensation, compensated
 from ins_nav.messages.cdr import StampedMessage
 from ins_nav.navigator.realtime import RealtimeNavigator
 from ins_nav.stamps import set_stamp
 
 Array = NDArray[np.float64]
-Vector = tuple[float, float, float]
 ODOMETRY, IMU, FIX = "nav_msgs/msg/Odometry", "sensor_msgs/msg/Imu", "sensor_msgs/msg/NavSatFix"
 _STATUS_FIX, _SERVICE_UNKNOWN, _COVARIANCE_TYPE_KNOWN = ("b", 0), ("H", 0), b"\x03"
 """Constants of sensor_msgs/NavSatFix and NavSatStatus; the service is unknown, since it is inertial."""
@@ -61,15 +63,15 @@ class SolutionMessages:
         self._period_ns = navigator.configuration.publish.period_ns
         self._next_ns = 0
         # Compiled, or loaded from the cache, before samples arrive
-        zero = (0.0, 0.0, 0.0)
-        self._write(NavState(*(0.0,) * STATE_SIZE), zero, zero, MapFrame(0.0, 0.0, 0.0))
+        for matrix in (None, np.eye(6)):
+            compensation = NO_COMPENSATION._replace(matrix=matrix)
+            self._write(np.zeros(SAMPLE_SIZE), np.zeros(STATE_SIZE), compensation, MapFrame(0.0, 0.0, 0.0))
 
-    def due(self) -> bool:
-        """Whether the navigator's new solution is to be published; call it once for each."""
+    def due(self, stamp_ns: int) -> bool:
+        """Whether the navigator's solution of that stamp is to be published; call it once for each."""
         began = self._navigator.restarts, self._navigator.aligned_ns  # a recording that loops has the same stamps
         if began != self._began:
             self._began, self._next_ns = began, 0
-        stamp_ns = self._navigator.stamp_ns
         if stamp_ns < self._next_ns:
             return False
         self.first = self._navigator.changes != self._changes
@@ -77,29 +79,27 @@ class SolutionMessages:
         self._next_ns = max((self._next_ns or stamp_ns) + self._period_ns, stamp_ns + 1)
         return True
 
-    def fill(self) -> None:
-        """Fill in the present solution; the navigator must be navigating."""
+    def fill(self, entries: Entries, row: int = -1) -> None:
+        """Fill in the solution of a row of the navigator's latest `RealtimeNavigator.entries`."""
         navigator = self._navigator
-        state, frame = navigator.state, navigator.map
-        assert state is not None and frame is not None
+        frame = navigator.map
+        assert frame is not None
         if navigator.accuracy.count != self._filled:
             self._filled = navigator.accuracy.count
-            self._fill_covariances(navigator.accuracy.covariance)
+            self._fill_covariances(navigator.accuracy.covariance, NavState._make(entries.states[row].tolist()), frame)
         for message in (self.odometry, self.imu, self.fix):
-            message.set_stamp(navigator.stamp_ns)
-        self._write(state, navigator.angular_velocity, navigator.specific_force, frame)
+            message.set_stamp(int(entries.stamps[row]))
+        self._write(entries.samples[row], entries.states[row], navigator.compensation, frame)
 
-    def _write(self, state: NavState, rate: Vector, force: Vector, frame: MapFrame) -> None:
+    def _write(self, sample: Array, state: Array, compensation: Compensation, frame: MapFrame) -> None:
         numbers = self.odometry.numbers, self.imu.numbers, self.fix.numbers
-        compiled(_write_numbers)(state, rate, force, frame.axes, frame.origin, *numbers)
+        compiled(_write_numbers)(sample, state, *compensation, frame.axes, frame.origin, *numbers)
 
-    def _fill_covariances(self, p: Array) -> None:
+    def _fill_covariances(self, p: Array, state: NavState, frame: MapFrame) -> None:
         """The covariance of the errors, each part on the axes of its message.
 
         That of rates and forces is of the biases and of the white noise of a sample.
         """
-        state, frame = self._navigator.state, self._navigator.map
-        assert state is not None and frame is not None
         c, s = error_model.azimuth(state)
         to_g = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
         self.imu.numbers[4:13] = (to_g @ p[ATTITUDE, ATTITUDE] @ to_g.T).ravel()
@@ -122,9 +122,11 @@ class SolutionMessages:
 
 
 def _write_numbers(
-    state: NavState,
-    rate: Vector,
-    force: Vector,
+    raw: Array,
+    row: Array,
+    gyro_bias: Vector,
+    accel_bias: Vector,
+    matrix: Array | None,
     axes: Quaternion,
     origin: Vector,
     odometry: Array,
@@ -132,15 +134,19 @@ def _write_numbers(
     fix: Array,
 ) -> None:
     """Numbers of the three messages, apart from covariances; axes and origin are those of the map."""
+    h, wx, wy, wz, fx, fy, fz = raw
+    sample = compensated((h, wx, wy, wz, fx, fy, fz), gyro_bias, accel_bias, matrix)
+    qx, qy, qz, qw, vx, vy, vz, ex, ey, ez, ew, height = row
+    state = NavState(qx, qy, qz, qw, vx, vy, vz, ex, ey, ez, ew, height)
     where = geodetic(state)
     position, orientation = position_in(axes, origin, state), attitude_in(axes, state)
     velocity, earth = velocity_body(state), earth_rate_body(state)
     for i in range(3):
         odometry[i] = position[i]
         odometry[43 + i] = velocity[i]
-        odometry[46 + i] = rate[i] - earth[i]
-        imu[13 + i] = rate[i]
-        imu[25 + i] = force[i]
+        odometry[46 + i] = sample[1 + i] - earth[i]
+        imu[13 + i] = sample[1 + i]
+        imu[25 + i] = sample[4 + i]
     for i in range(4):
         odometry[3 + i] = orientation[i]
         imu[i] = where.q_gb[i]

@@ -13,6 +13,7 @@ _AHEAD_NS = 5_000_000_000
 """ns ahead of the samples: a correction from before a restart. All of 5 s may still wait in the queue of a topic."""
 _LEADS_NS = 5_000_000_000
 """ns after the last correction took effect until its source counts as lost."""
+NEVER_NS = 2**63 - 1
 _MOST = 100
 """Corrections that may wait: 50 s of them at the rate of their source, ten times what may be ahead."""
 
@@ -61,6 +62,8 @@ class CorrectionQueue:
     ----------
     corrected_ns : int
         Stamp of the last state that a correction replaced; 0 for none.
+    leads_until_ns : int
+        5 s after a correction took effect; 0 for none.
     """
 
     def __init__(self, events: EventLog, topic: str) -> None:
@@ -71,7 +74,7 @@ class CorrectionQueue:
     def restart(self) -> None:
         """Forget everything: the stamps have jumped."""
         self._waiting: list[Correction] = []
-        self.corrected_ns = self._applied_ns = 0
+        self.corrected_ns = self.leads_until_ns = 0
 
     def clear(self) -> None:
         """Drop what waits."""
@@ -99,9 +102,10 @@ class CorrectionQueue:
         self._waiting.append(correction)
         return True
 
-    def is_due(self, stamp_ns: int) -> bool:
-        """Whether one takes effect with the sample of that stamp."""
-        return bool(self._waiting) and self._waiting[0].apply_ns <= stamp_ns
+    @property
+    def due_ns(self) -> int:
+        """Stamp from which the next takes effect; far in the future where none waits."""
+        return self._waiting[0].apply_ns if self._waiting else NEVER_NS
 
     def pop(self, stamp_ns: int, buffer: ReplayBuffer) -> tuple[Correction, Entry] | None:
         """The newest that is due, with the entry it corrects; None where the buffer has no entry of its stamp."""
@@ -114,9 +118,9 @@ class CorrectionQueue:
             text = f"{self._topic}: corrects a state {age:.1f} s ago, which is not in the replay buffer: rejected"
             self._events.count("correction lost", WARN, text, stamp_ns)
             return None
-        self.corrected_ns, self._applied_ns = newest.stamp_ns, stamp_ns
+        self.corrected_ns, self.leads_until_ns = newest.stamp_ns, stamp_ns + _LEADS_NS
         return newest, entry
 
     def leads(self, stamp_ns: int) -> bool:
         """Whether a correction took effect within the last 5 s."""
-        return self._applied_ns > 0 and stamp_ns - self._applied_ns < _LEADS_NS
+        return stamp_ns < self.leads_until_ns

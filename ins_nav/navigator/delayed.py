@@ -13,7 +13,6 @@ References
 """
 
 import math
-from collections import deque
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
@@ -28,15 +27,14 @@ from ins_nav.config.parameters import Value
 from ins_nav.estimation import covariance_propagation
 from ins_nav.estimation.error_filter import ErrorFilter
 from ins_nav.estimation.error_model import Vector, rotation_matrix
-from ins_nav.estimation.imu_error import corrected
 from ins_nav.estimation.innovation_gate import GATE, PATIENCE
 from ins_nav.estimation.observation import Measurement
 from ins_nav.estimation.state_layout import BIASES, HEADING
 from ins_nav.event_log import INFO, WARN, EventLog
 from ins_nav.mechanization import strapdown
 from ins_nav.mechanization.nav_state import NavState
-from ins_nav.mechanization.strapdown import Sample, without_bias
-from ins_nav.navigator.correction import Correction
+from ins_nav.mechanization.strapdown import NO_COMPENSATION, Compensation, Sample, compensated, sample_of, without_bias
+from ins_nav.navigator.correction import NEVER_NS, Correction
 from ins_nav.navigator.front_end import Aligned, Biases, FrontEnd, Phase
 from ins_nav.stop_detection.detector import Change
 from ins_nav.zupt.measurements import StopCalibration
@@ -115,7 +113,6 @@ class DelayedNavigator:
         self.gyro_bias, self.accel_bias, _ = self.front_end.biases
         self._aid_queue.restart()
         self.records = {}
-        self._pending: deque[tuple[int, Sample]] = deque()
         self._out: list[Correction] = []
         self._last_ns: dict[str, int] = {}
         self._filtered_ns = self._emitted_ns = self._aided_ns = 0
@@ -134,14 +131,18 @@ class DelayedNavigator:
             heading = float(aligned.covariance[HEADING, HEADING]) if aligned.heading_given else math.inf
             self._stationary.include(aligned.state, aligned.biases, aligned.cone, heading)
 
-    def advance(self, stamp_ns: int, raw: Sample, change: Change | None) -> None:
-        """Queue a sample until it is settled; see `front_end.Listener`."""
+    @property
+    def due_ns(self) -> int:
+        """See `front_end.Listener`: a batch of samples is settled."""
+        return NEVER_NS if self.filter is None else self.settled_ns + self._lag_ns + _BATCH_NS
+
+    def advance(self, stamp_ns: int, count: int, change: Change | None) -> None:
+        """Process the samples that are settled now; see `front_end.Listener`."""
         if self.filter is None:
             return
         if change is not None:
             self._stationary.change(change)
-        self._pending.append((stamp_ns, raw))
-        if stamp_ns - self.settled_ns >= self._lag_ns + _BATCH_NS:
+        if stamp_ns >= self.due_ns:
             self._settle(stamp_ns - self._lag_ns)
             self._emit()
 
@@ -196,23 +197,20 @@ class DelayedNavigator:
 
     def resume(self, solution: Correction) -> bool:
         """Start from a solution of the last seconds; False where there is no sample of its stamp."""
-        recent = list(self.front_end.recent)
-        stamps = [stamp_ns for stamp_ns, _ in recent]
-        if solution.stamp_ns not in stamps:
+        recent = self.front_end.recent
+        row = recent.count(solution.stamp_ns) - 1
+        if row < recent.oldest or recent.stamps[row] != solution.stamp_ns:
             return False
-        now = stamps.index(solution.stamp_ns)
         self.gyro_bias, self.accel_bias = solution.gyro_bias, solution.accel_bias
         self._placed = True
-        raw, errors = recent[now][1], solution.imu_errors
+        raw, errors = sample_of(recent.arrays[0][row]), solution.imu_errors
         self._start(solution.stamp_ns, solution.state, raw, solution.covariance, solution.aligned, errors)
-        self._pending.extend(recent[now + 1 :])
         return True
 
     def suspend(self) -> None:
         """Stop the filter: another process leads, until `resume`."""
         self.filter = self.state = None
         self.settled_ns = 0
-        self._pending.clear()
         self._out.clear()
 
     def drain(self) -> list[Correction]:
@@ -241,58 +239,58 @@ class DelayedNavigator:
         self._before = raw
         self._aligned = aligned
         self.settled_ns = self._filtered_ns = self._emitted_ns = self._began_ns = stamp_ns
-        self._pending.clear()
         self._aid_queue.begin(stamp_ns)
         detector = self.front_end.detector
         self._stationary.begin(detector.since_ns if detector.stopped else None)
 
     def _settle(self, until_ns: int) -> None:
         """Integrate the samples up to a stamp, with the observations between them."""
-        pending, queue, is_long_gap = self._pending, self._aid_queue, self.front_end.is_long_gap
-        while pending and pending[0][0] <= until_ns:
-            next_ns, block = queue.next_ns, []
-            stationary = self._stationary.is_active(pending[0][0])
-            while pending and pending[0][0] <= until_ns and pending[0][0] < next_ns and not is_long_gap(pending[0][1]):
-                block.append(pending.popleft())
-                if stationary:
-                    break
-            if not block:  # observations come first, and before each the uncertainty of the gap that it lies in
-                stamp_ns, raw = pending.popleft()
-                errors = self.front_end.gap_errors(self._before, raw) if is_long_gap(raw) else None
-                widened_ns = self.settled_ns
-                for observation in queue.until(stamp_ns):
-                    if errors is not None:
-                        self._widen(errors, (observation.stamp_ns - widened_ns) * 1e-9, raw[0])
-                        widened_ns = max(widened_ns, observation.stamp_ns)
-                    self._observe(observation, raw)
-                if errors is not None:
-                    self._widen(errors, (stamp_ns - widened_ns) * 1e-9, raw[0])
-                block = [(stamp_ns, raw)]
-            self._integrate(block)
+        front_end, queue, recent = self.front_end, self._aid_queue, self.front_end.recent
+        row, until = recent.count(self.settled_ns), recent.count(until_ns)
+        gaps = row + np.flatnonzero(recent.arrays[0][row:until, 0] > front_end.longest_interval)
+        while row < until:
+            end = min(until, recent.count(queue.next_ns - 1), *gaps[gaps >= row][:1])
+            if end <= row:
+                self._observe_until(row, row in gaps)
+            if end <= row or self._stationary.is_active(int(recent.stamps[row])):
+                end = row + 1
+            self._integrate(row, end)
+            row = end
         self._propagate()
         self._end_fine_alignment()
 
-    def _integrate(self, block: list[tuple[int, Sample]]) -> None:
-        """Integrate samples without a correction between them."""
+    def _observe_until(self, row: int, is_gap: bool) -> None:
+        """Process the observations up to the sample of a row; before each the uncertainty of the gap it lies in."""
+        recent = self.front_end.recent
+        stamp_ns, raw = int(recent.stamps[row]), sample_of(recent.arrays[0][row])
+        following = sample_of(recent.arrays[0][row + 1]) if row + 1 < recent.size else None
+        errors = self.front_end.gap_errors(self._before, raw) if is_gap else None
+        widened_ns = self.settled_ns
+        for observation in self._aid_queue.until(stamp_ns):
+            if errors is not None:
+                self._widen(errors, (observation.stamp_ns - widened_ns) * 1e-9, raw[0])
+                widened_ns = max(widened_ns, observation.stamp_ns)
+            self._observe(observation, raw, following)
+        if errors is not None:
+            self._widen(errors, (stamp_ns - widened_ns) * 1e-9, raw[0])
+
+    def _integrate(self, row: int, end: int) -> None:
+        """Integrate the samples of these rows, without a correction between them."""
         assert self.state is not None
-        front_end = self.front_end
-        before, *samples = self._before, *(sample for _, sample in block)
-        if self._correction is not None:
-            before, *samples = (corrected(self._correction, sample) for sample in (before, *samples))
-        self.settled_ns, self._before = block[-1]
+        front_end, before, recent = self.front_end, self._before, self.front_end.recent
         states = strapdown.integrate(
             self.state,
             before,
-            np.array(samples),
-            self.gyro_bias,
-            self.accel_bias,
+            recent.arrays[0][row:end],
+            Compensation(self.gyro_bias, self.accel_bias, self._correction),
             instantaneous=front_end.instantaneous,
             vertical=front_end.vertical,
             water_surface=front_end.water_surface,
         )
+        self.settled_ns, self._before = int(recent.stamps[end - 1]), sample_of(recent.arrays[0][end - 1])
         self.state = NavState._make(states[-1].tolist())
-        if len(block) == 1:
-            self._measure_stop(before, samples[0])
+        if end == row + 1:
+            self._measure_stop(before, self._before)
 
     def _widen(self, errors: tuple[Array, Array], time: float, gap: float) -> None:
         """Widen by the errors (`FrontEnd.gap_errors`) of a part of a gap, s: they grow as a random walk."""
@@ -310,22 +308,22 @@ class DelayedNavigator:
             self.filter.propagate(self._filtered, self.state, (self.settled_ns - self._filtered_ns) * 1e-9)
             self._filtered, self._filtered_ns = self.state, self.settled_ns
 
-    def _rate(self, after: float, raw: Sample) -> Vector:
+    def _rate(self, after: float, raw: Sample, following: Sample | None) -> Vector:
         """Angular rate so long after the settled sample, s, of which ``raw`` is the next: means are of the middles."""
         first, second, share = self._before, raw, after / raw[0]
         if not self.front_end.instantaneous:
             share += 0.5
-            if share > 1.0 and self._pending:
-                first, second, share = raw, self._pending[0][1], share - 1.0
+            if share > 1.0 and following is not None:
+                first, second, share = raw, following, share - 1.0
         one, other = (self._corrected(sample)[1:4] for sample in (first, second))
         x, y, z = (a + min(share, 1.0) * (b - a) for a, b in zip(one, other, strict=True))
         return x, y, z
 
     def _corrected(self, raw: Sample) -> Sample:
         """A sample without the errors in use."""
-        return without_bias(corrected(self._correction, raw), self.gyro_bias, self.accel_bias)
+        return compensated(raw, self.gyro_bias, self.accel_bias, self._correction)
 
-    def _observe(self, observation: Observation, raw: Sample) -> None:
+    def _observe(self, observation: Observation, raw: Sample, following: Sample | None) -> None:
         """Process an observation between the settled sample and the next."""
         aid, front_end = self._aids[observation.aid], self.front_end
         if self._until_aligned and self.phase is Phase.NAVIGATING:
@@ -348,7 +346,7 @@ class DelayedNavigator:
         now_ns = max(observation.stamp_ns, self.settled_ns)
         names = (aid.name, aid.shares)
         own = OwnStates(self.filter.own(*names), self.filter.own_covariance(*names))
-        solution = self.filter.solution(state, self._rate(max(0.0, after), raw), self.gyro_bias, now_ns)
+        solution = self.filter.solution(state, self._rate(max(0.0, after), raw, following), self.gyro_bias, now_ns)
         try:
             measurement = aid.measure(solution, own, observation)
         except Unusable as reason:
@@ -365,6 +363,7 @@ class DelayedNavigator:
 
     def _measure_stop(self, before: Sample, raw: Sample) -> None:
         """Process the settled sample as one of a stop, where it is one."""
+        before, raw = (compensated(sample, *NO_COMPENSATION[:2], self._correction) for sample in (before, raw))
         assert self.filter is not None and self.state is not None
         biases = self.gyro_bias, self.accel_bias
         for name, measure in self._stationary.add(self.settled_ns, before, raw, self.state, biases, self.filter.p):

@@ -6,7 +6,6 @@ alignment is the business of its listeners: the real-time and the delayed naviga
 
 import enum
 import math
-from collections import deque
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -24,11 +23,13 @@ from ins_nav.estimation.error_model import Vector
 from ins_nav.estimation.state_layout import HEADING, HEIGHT, HORIZONTAL_POSITION
 from ins_nav.event_log import ERROR, INFO, WARN, EventLog
 from ins_nav.mechanization import attitude, nav_state
+from ins_nav.mechanization.attitude import Quaternion, rotate
+from ins_nav.mechanization.compiled import compiled
 from ins_nav.mechanization.earth import known_surface
 from ins_nav.mechanization.imu_stream import ImuStream
 from ins_nav.mechanization.nav_state import MapFrame, NavState
-from ins_nav.mechanization.replay_buffer import LENGTH_NS
-from ins_nav.mechanization.strapdown import Sample, without_bias
+from ins_nav.mechanization.stamped_rows import StampedRows, Stamps
+from ins_nav.mechanization.strapdown import SAMPLE_SIZE, Sample, sample_of, without_bias
 from ins_nav.stop_detection.detector import Change, StopDetector
 from ins_nav.stop_detection.stop_limits import StopLimits
 
@@ -38,6 +39,10 @@ _COARSE_GAP = 0.1
 """s: a longer gap loses the attitude of a rocking base: coarse alignment starts again, and the filter widens."""
 _UPSIDE_DOWN = math.radians(120.0)
 """rad: no carrier stands with a larger roll; it is the mounting, or the sign of specific force."""
+
+
+_ROUNDING_NS = 1_000
+"""ns: more than the rounding of a sum of intervals."""
 
 
 class Phase(enum.Enum):
@@ -98,14 +103,19 @@ class Listener(Protocol):
     def begin(self, aligned: Aligned) -> None:
         """Alignment is done."""
 
-    def advance(self, stamp_ns: int, raw: Sample, change: Change | None) -> None:
-        """Process one sample after alignment.
+    @property
+    def due_ns(self) -> int:
+        """Samples before this stamp may come in blocks: nothing but their integration depends on them."""
+
+    def advance(self, stamp_ns: int, count: int, change: Change | None) -> None:
+        """Process samples after alignment, the newest of `FrontEnd.recent`.
 
         Parameters
         ----------
         stamp_ns : int
-        raw : Sample
-            On base_link's axes, biases not removed.
+            Of the newest.
+        count : int
+            Number of them.
         change : Change or None
             A stop that begins or ends, decided with this sample.
         """
@@ -129,8 +139,8 @@ class FrontEnd:
         WAITING, COARSE, or NAVIGATING once alignment is done.
     stamp_ns : int
         Of the last sample; 0 before the first.
-    previous, raw : Sample
-        The last two samples, on base_link's axes, biases not removed.
+    raw : Sample
+        The last sample, on base_link's axes, biases not removed.
     biases : Biases
         Removed during alignment.
     restarts : int
@@ -139,8 +149,8 @@ class FrontEnd:
         Stamp at which alignment ended; 0 before.
     map : MapFrame or None
         East-north-up at the place of the first alignment since the start or the last restart.
-    recent : deque of (stamp, Sample)
-        The last 12 s, on base_link's axes, biases not removed.
+    recent : StampedRows
+        The last 12 s and more, a `Sample` a row, on base_link's axes, biases not removed.
     first_ns : int
         Stamp of the first sample since the start or the last restart.
     """
@@ -164,15 +174,15 @@ class FrontEnd:
         self._given_heading = None if math.isnan(initial.heading) else initial.heading
         self.duration = alignment.duration if self._given_heading is None else alignment.level_duration
         self.restarts = 0
+        self.recent = StampedRows(SAMPLE_SIZE)
         self._restart()
 
     def _restart(self) -> None:
         """Before the first sample, and after a jump of the stamps."""
         self.stamp_ns = self.aligned_ns = 0
         self.map: MapFrame | None = None
-        self.previous: Sample = (0.0,) * 7
         self.raw: Sample = (0.0,) * 7
-        self.recent: deque[tuple[int, Sample]] = deque()
+        self.recent.clear()
         self.first_ns = 0
         self.biases = self._given
         self._heading = self._given_heading
@@ -252,9 +262,63 @@ class FrontEnd:
             else:
                 self._advance(stamp, item)
 
-    def is_long_gap(self, sample: Sample) -> bool:
-        """Whether the interval of a sample is a gap that attitude does not survive on a rocking base."""
-        return sample[0] > max(_COARSE_GAP, 2.0 * self.stream.regular)
+    def add_imu_run(self, stamps: Stamps, values: Array, until_ns: int) -> int:
+        """Process the first of a block of IMU samples, as `add_imu` would one after the other.
+
+        Samples go through the compiled functions together as long as nothing else is due: no block of the stop
+        detector or of alignment ends, and no listener has more to do than integrate.
+
+        Parameters
+        ----------
+        stamps : ndarray of int64, shape (n,)
+            ns; n is at least 1.
+        values : ndarray, shape (n, 6)
+            Angular velocity, rad/s, and specific force, m/s², on the IMU's axes.
+        until_ns : int
+            A sample of this stamp or a later one is processed alone.
+
+        Returns
+        -------
+        int
+            Number of samples processed, at least 1.
+        """
+        from_imu = self.stream.accept_run(stamps, values, min(until_ns, self._due_ns))
+        count = len(from_imu)
+        if count == 0:
+            self.add_imu(int(stamps[0]), *values[0].tolist())
+            return 1
+        samples = from_imu if self._q_mounting is None else compiled(_rotated)(self._q_mounting, from_imu)
+        before = self._before(samples[0, 0])
+        self.stamp_ns = stamp_ns = int(stamps[count - 1])
+        self.raw = sample_of(samples[-1])
+        self.recent.extend(stamps[:count], samples)
+        self.detector.add_run(stamp_ns, from_imu)
+        if self.aligned:
+            for listener in self.listeners:
+                listener.advance(stamp_ns, count, None)
+        else:
+            gyro, accel, _ = self.biases
+            unbiased = samples - np.array([0.0, *gyro, *accel])
+            self._alignment.add_run(without_bias(before, gyro, accel), unbiased, self.instantaneous)
+        return count
+
+    @property
+    def _due_ns(self) -> int:
+        """Stamp of a sample from which more than sums and integration may depend."""
+        due_ns = self.detector.due_ns(self.stream.regular)
+        if self.aligned:
+            return min(due_ns, *(listener.due_ns for listener in self.listeners))
+        return min(due_ns, self.stamp_ns + int(self._alignment.run_left * 1e9) - _ROUNDING_NS)
+
+    def _before(self, interval: float) -> Sample:
+        """The newest sample, as the one before the next, of that interval: the first has none of its own."""
+        h, wx, wy, wz, fx, fy, fz = self.raw
+        return h or interval, wx, wy, wz, fx, fy, fz
+
+    @property
+    def longest_interval(self) -> float:
+        """s: attitude on a rocking base does not survive a longer gap."""
+        return max(_COARSE_GAP, 2.0 * self.stream.regular)
 
     def gap_errors(self, before: Sample, raw: Sample) -> tuple[Array, Array]:
         """Errors that a gap may hide, from the changes of rates and forces within its length at other times.
@@ -269,44 +333,33 @@ class FrontEnd:
         turn, speed : ndarray, shape (3,)
             On the body's axes, rad and m/s.
         """
-        samples = np.array([sample for _, sample in self.recent])
+        recent = self.recent
+        samples = recent.arrays[0][recent.oldest : recent.size]
         whole = samples[samples[:, 0] <= self.stream.regular, 1:]
         lag = min(max(1, round(raw[0] / float(np.median(samples[:, 0])))), len(whole) // 2)
         changes = np.abs(np.vstack([whole[lag:] - whole[: len(whole) - lag], np.subtract(raw, before)[None, 1:]]))
         errors = 0.5 * raw[0] * changes.max(axis=0)
         return errors[:3], errors[3:]
 
-    def _on_base_link(self, sample: Sample) -> Sample:
-        if self._q_mounting is None:
-            return sample
-        h, wx, wy, wz, fx, fy, fz = sample
-        wx, wy, wz = attitude.rotate(self._q_mounting, wx, wy, wz)
-        fx, fy, fz = attitude.rotate(self._q_mounting, fx, fy, fz)
-        return h, wx, wy, wz, fx, fy, fz
-
     def _advance(self, stamp_ns: int, from_imu: Sample) -> None:
-        raw = self._on_base_link(from_imu)
+        raw = from_imu if self._q_mounting is None else _on_base_link(self._q_mounting, from_imu)
         self.stamp_ns = stamp_ns
         if not self.first_ns:
             self.first_ns, self.raw, self.phase = stamp_ns, raw, Phase.COARSE
-            self.recent.append((stamp_ns, raw))
+            self.recent.append(stamp_ns, raw)
             return
-        h, *values = self.raw
-        self.previous = (h or raw[0], *values)  # type: ignore[assignment]  # the first has no interval of its own
+        before = self._before(raw[0])
         self.raw = raw
-        recent = self.recent
-        recent.append((stamp_ns, raw))
-        while recent[0][0] < stamp_ns - LENGTH_NS:
-            recent.popleft()
+        self.recent.append(stamp_ns, raw)
         change = self.detector.add(stamp_ns, from_imu)
         if self.aligned:
             for listener in self.listeners:
-                listener.advance(stamp_ns, raw, change)
+                listener.advance(stamp_ns, 1, change)
         else:
-            self._coarse(stamp_ns, raw)
+            self._coarse(stamp_ns, before, raw)
 
-    def _coarse(self, stamp_ns: int, raw: Sample) -> None:
-        if self.is_long_gap(raw):
+    def _coarse(self, stamp_ns: int, before: Sample, raw: Sample) -> None:
+        if raw[0] > self.longest_interval:
             text = f"coarse alignment starts again after a gap of {raw[0]:.3f} s in imu/data_raw"
             self.events.count("alignment restarts", WARN, text, stamp_ns)
             self._position.renew()
@@ -314,9 +367,7 @@ class FrontEnd:
             return
         try:
             gyro, accel, _ = self.biases
-            self._alignment.add(
-                without_bias(self.previous, gyro, accel), without_bias(raw, gyro, accel), self.instantaneous
-            )
+            self._alignment.add(without_bias(before, gyro, accel), without_bias(raw, gyro, accel), self.instantaneous)
             if self._alignment.time < self.duration * (1.0 - 1e-9):
                 return
             place = self._position.found(stamp_ns)
@@ -380,3 +431,22 @@ class FrontEnd:
         where = nav_state.geodetic(state)
         self.map = self.map or MapFrame(where.lat, where.lon, where.height)
         self.aligned_ns, self.phase = aligned_ns, Phase.NAVIGATING
+
+
+def _on_base_link(q_mounting: Quaternion, sample: Sample) -> Sample:
+    """A sample on the axes of the IMU, turned to those of base_link."""
+    h, wx, wy, wz, fx, fy, fz = sample
+    wx, wy, wz = rotate(q_mounting, wx, wy, wz)
+    fx, fy, fz = rotate(q_mounting, fx, fy, fz)
+    return h, wx, wy, wz, fx, fy, fz
+
+
+def _rotated(q_mounting: Quaternion, samples: Array) -> Array:
+    """`_on_base_link` of each row."""
+    rotated = np.empty_like(samples)
+    for i in range(len(samples)):
+        h, wx, wy, wz, fx, fy, fz = samples[i]
+        sample = _on_base_link(q_mounting, (h, wx, wy, wz, fx, fy, fz))
+        for j in range(len(sample)):
+            rotated[i, j] = sample[j]
+    return rotated

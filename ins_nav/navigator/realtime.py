@@ -10,13 +10,11 @@ import math
 from ins_nav.config.configuration import Configuration
 from ins_nav.estimation.covariance_propagation import CovariancePropagation, imu_errors
 from ins_nav.estimation.error_model import Array, Vector
-from ins_nav.estimation.imu_error import corrected
 from ins_nav.estimation.state_layout import ACCEL_BIAS, ATTITUDE, BIASES, GYRO_BIAS
 from ins_nav.event_log import INFO, EventLog
-from ins_nav.mechanization import strapdown
 from ins_nav.mechanization.nav_state import MapFrame, NavState
-from ins_nav.mechanization.replay_buffer import ReplayBuffer
-from ins_nav.mechanization.strapdown import Sample, without_bias
+from ins_nav.mechanization.replay_buffer import Entries, ReplayBuffer
+from ins_nav.mechanization.strapdown import Compensation, compensated
 from ins_nav.navigator.correction import Correction, CorrectionQueue
 from ins_nav.navigator.front_end import Aligned, Biases, FrontEnd, Phase
 from ins_nav.stop_detection.detector import Change
@@ -33,16 +31,12 @@ class RealtimeNavigator:
 
     Attributes
     ----------
-    state : NavState or None
-        None without a solution.
-    gyro_bias, accel_bias : 3 floats
-        In use, rad/s and m/s².
-    angular_velocity, specific_force : 3 floats
-        Of the newest sample on base_link's axes, biases removed; rad/s, m/s².
+    navigating : bool
+        Whether there is a solution.
+    compensation : Compensation
+        Of the samples: biases and further errors of the IMU in use.
     accuracy : CovariancePropagation
         Covariance of the solution.
-    correction : ndarray, shape (6, 6), or None
-        Of samples, by the further errors of the IMU in use (`ins_nav.estimation.imu_error`).
     buffer : ReplayBuffer
         The last seconds of samples and states.
     changes : int
@@ -54,7 +48,9 @@ class RealtimeNavigator:
         self._fine_first = fine_first
         self.accuracy = CovariancePropagation(front_end.configuration)
         self._imu_errors = imu_errors(front_end.configuration)
-        self.buffer = ReplayBuffer(front_end.instantaneous, front_end.vertical, front_end.water_surface)
+        self.buffer = ReplayBuffer(
+            front_end.recent, front_end.instantaneous, front_end.vertical, front_end.water_surface
+        )
         self._remote = CorrectionQueue(front_end.events, "ins/feedback")
         self._local = CorrectionQueue(front_end.events, "own filter")
         self.changes = 0
@@ -67,10 +63,9 @@ class RealtimeNavigator:
     def end(self) -> None:
         """Alignment starts again."""
         front_end = self.front_end
-        self.state: NavState | None = None
-        self._fine = False
+        self.navigating = self._fine = False
+        self._count = 0
         self._corrected: list[tuple[NavState, NavState]] = []
-        self.buffer.clear()
         if front_end.restarts != self._restarts:
             self._restarts = front_end.restarts
             self._remote.restart()
@@ -80,57 +75,48 @@ class RealtimeNavigator:
             self._remote.clear()
             self._local.clear()
             self.accuracy.clear()
-        self.gyro_bias, self.accel_bias, _ = front_end.biases
-        self._set_imu_errors(())
-        self._previous = front_end.raw
-        self.angular_velocity: Vector = (0.0, 0.0, 0.0)
-        self.specific_force: Vector = (0.0, 0.0, 0.0)
+        gyro_bias, accel_bias, _ = front_end.biases
+        self._compensate(gyro_bias, accel_bias, ())
 
     def begin(self, aligned: Aligned) -> None:
         """Start from the first solution."""
-        self.state = aligned.state
-        self.gyro_bias, self.accel_bias, _ = aligned.biases
-        self._set_sample(aligned.raw)
-        self.buffer.add(aligned.stamp_ns, aligned.raw, aligned.state)
+        gyro_bias, accel_bias, _ = aligned.biases
+        self._compensate(gyro_bias, accel_bias, self._imu_error_values)
+        self.buffer.begin(aligned.state)
         self.accuracy.begin(aligned.stamp_ns, aligned.state, aligned.covariance, aligned.noise)
+        self.navigating = True
+        self._count = 1
         self._fine = self._fine_first
         self.changes += 1
 
-    def advance(self, stamp_ns: int, raw: Sample, change: Change | None) -> None:
-        """Integrate one sample; see `front_end.Listener`."""
-        state, front_end = self.state, self.front_end
-        if state is None:
+    @property
+    def due_ns(self) -> int:
+        """See `front_end.Listener`: the covariance is propagated, or a correction takes effect."""
+        return min(self.accuracy.due_ns, self._remote.due_ns, self._local.due_ns)
+
+    def advance(self, stamp_ns: int, count: int, change: Change | None) -> None:
+        """Integrate samples; see `front_end.Listener`."""
+        if not self.navigating:
             return
-        before = self._previous
-        self._set_sample(raw)
-        self.state = strapdown.step(
-            state,
-            before,
-            self._previous,
-            front_end.instantaneous,
-            front_end.vertical,
-            front_end.water_surface,
-        )
-        self.buffer.add(stamp_ns, raw, self.state)
-        self.accuracy.advance(stamp_ns, self.state)
-        if self._remote.is_due(stamp_ns):
+        self._count = count
+        self.buffer.integrate(count, self.compensation)
+        if stamp_ns < self.due_ns:
+            return
+        if stamp_ns >= self.accuracy.due_ns:
+            self.accuracy.advance(stamp_ns, self.buffer.newest)
+        if stamp_ns >= self._remote.due_ns:
             self._apply(self._remote)
-        if self._local.is_due(stamp_ns):
+        if stamp_ns >= self._local.due_ns:
             if self._remote.leads(stamp_ns):
                 self._local.clear()
             else:
                 self._apply(self._local)
 
-    def _set_sample(self, raw: Sample) -> None:
-        sample = without_bias(corrected(self.correction, raw), self.gyro_bias, self.accel_bias)
-        self._previous = sample
-        self.angular_velocity = sample[1:4]
-        self.specific_force = sample[4:7]
-
-    def _set_imu_errors(self, values: tuple[float, ...]) -> None:
-        """Use these values of the further errors of the IMU, where they are those of this configuration."""
-        self._imu_error_values = values if len(values) == self._imu_errors.size else (0.0,) * self._imu_errors.size
-        self.correction = self._imu_errors.correction(self._imu_error_values)
+    def _compensate(self, gyro_bias: Vector, accel_bias: Vector, imu_errors: tuple[float, ...]) -> None:
+        """Use these biases and further errors of the IMU, where those are of this configuration."""
+        errors = self._imu_errors
+        self._imu_error_values = imu_errors if len(imu_errors) == errors.size else (0.0,) * errors.size
+        self.compensation = Compensation(gyro_bias, accel_bias, errors.correction(self._imu_error_values))
 
     # --- corrections
 
@@ -144,7 +130,7 @@ class RealtimeNavigator:
             From the filter of another process. As long as such corrections arrive, they alone take effect.
         """
         stamp_ns, queue = self.front_end.stamp_ns, self._remote if remote else self._local
-        if not queue.add(correction, stamp_ns) or self.state is None or correction.apply_ns >= stamp_ns:
+        if not queue.add(correction, stamp_ns) or not self.navigating or correction.apply_ns >= stamp_ns:
             return
         text = "a correction arrives after its time, applied at once: is the machine busy? (aiding.feedback_time)"
         self.front_end.events.count("correction late", INFO, text, stamp_ns)
@@ -156,17 +142,13 @@ class RealtimeNavigator:
         if popped is None:
             return
         correction, entry = popped
-        self.gyro_bias, self.accel_bias = correction.gyro_bias, correction.accel_bias
-        self._set_imu_errors(correction.imu_errors)
+        self._compensate(correction.gyro_bias, correction.accel_bias, correction.imu_errors)
         self.accuracy.rewind(entry.stamp_ns, entry.state)
         self.accuracy.replace(correction.covariance)
         self._fine = not correction.aligned
         self.changes += 1
-        self.state = self.buffer.reintegrate(
-            entry.stamp_ns, correction.state, self.gyro_bias, self.accel_bias, self.correction
-        )
+        self.buffer.reintegrate(entry.stamp_ns, correction.state, self.compensation)
         self.accuracy.catch_up(correction.state, self.buffer)
-        self._set_sample(self.front_end.raw)
         self._corrected.append((entry.state, correction.state))
 
     def drain_corrections(self) -> list[tuple[NavState, NavState]]:
@@ -179,7 +161,42 @@ class RealtimeNavigator:
         """Whether corrections of another process took effect within the last 5 s."""
         return self._remote.leads(self.front_end.stamp_ns)
 
+    @property
+    def remote_until_ns(self) -> int:
+        """Stamp from which corrections of another process no longer lead, unless another takes effect."""
+        return self._remote.leads_until_ns
+
     # --- the solution
+
+    @property
+    def state(self) -> NavState | None:
+        """At the newest sample; None without a solution."""
+        return self.buffer.newest if self.navigating else None
+
+    @property
+    def entries(self) -> Entries:
+        """Samples of the last call of `advance` with their solutions; the one of `begin` after that."""
+        return self.buffer.last(self._count)
+
+    @property
+    def gyro_bias(self) -> Vector:
+        """In use, rad/s."""
+        return self.compensation.gyro_bias
+
+    @property
+    def accel_bias(self) -> Vector:
+        """In use, m/s²."""
+        return self.compensation.accel_bias
+
+    @property
+    def angular_velocity(self) -> Vector:
+        """Of the newest sample on base_link's axes, errors in use removed, rad/s."""
+        return compensated(self.front_end.raw, *self.compensation)[1:4]
+
+    @property
+    def specific_force(self) -> Vector:
+        """Of the newest sample on base_link's axes, errors in use removed, m/s²."""
+        return compensated(self.front_end.raw, *self.compensation)[4:7]
 
     @property
     def stamp_ns(self) -> int:
@@ -214,12 +231,12 @@ class RealtimeNavigator:
     @property
     def phase(self) -> Phase:
         """Present phase."""
-        return Phase.FINE if self._fine and self.state is not None else self.front_end.phase
+        return Phase.FINE if self._fine and self.navigating else self.front_end.phase
 
     @property
     def covariance(self) -> Array | None:
         """Of the errors (`ins_nav.estimation.error_model`) at present, shape (15, 15); None without a solution."""
-        return None if self.state is None else self.accuracy.covariance
+        return self.accuracy.covariance if self.navigating else None
 
     @property
     def attitude_covariance(self) -> Array:
@@ -256,17 +273,9 @@ class RealtimeNavigator:
 
     def solution(self) -> Correction | None:
         """The present solution, for a filter that begins later."""
-        if self.state is None:
+        if not self.navigating:
             return None
         stamp_ns, covariance = self.front_end.stamp_ns, self.accuracy.covariance
         aligned = not self._fine and self._remote.corrected_ns > self.aligned_ns
-        return Correction(
-            stamp_ns,
-            stamp_ns,
-            self.state,
-            self.gyro_bias,
-            self.accel_bias,
-            covariance,
-            aligned,
-            self._imu_error_values,
-        )
+        biases, errors = (self.gyro_bias, self.accel_bias), self._imu_error_values
+        return Correction(stamp_ns, stamp_ns, self.buffer.newest, *biases, covariance, aligned, errors)

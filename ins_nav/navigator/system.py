@@ -15,11 +15,12 @@ from ins_nav.aiding.registry import by_topic, calibration_names, create_aids
 from ins_nav.config import state_file
 from ins_nav.config.parameters import Value
 from ins_nav.config.sections import ImuSection
+from ins_nav.estimation.error_model import Array
 from ins_nav.estimation.state_layout import HORIZONTAL_POSITION, HORIZONTAL_VELOCITY
 from ins_nav.event_log import INFO, WARN, EventLog
 from ins_nav.mechanization import attitude, nav_state
-from ins_nav.mechanization.strapdown import Sample
-from ins_nav.navigator.correction import Correction
+from ins_nav.mechanization.stamped_rows import Stamps
+from ins_nav.navigator.correction import NEVER_NS, Correction
 from ins_nav.navigator.delayed import DelayedNavigator
 from ins_nav.navigator.front_end import Aligned, FrontEnd, Phase
 from ins_nav.navigator.realtime import RealtimeNavigator
@@ -85,12 +86,17 @@ class NavigationSystem:
         """Alignment is done."""
         self.services.begin(aligned.stamp_ns, self._moment(), aligned.cone, aligned.heading_given, aligned.noise)
 
-    def advance(self, stamp_ns: int, raw: Sample, change: Change | None) -> None:
+    @property
+    def due_ns(self) -> int:
+        """See `front_end.Listener`: samples of a stop settle, or corrections of another process time out."""
+        return min(self.services.due_ns, self.realtime.remote_until_ns if self._remote_leads else NEVER_NS)
+
+    def advance(self, stamp_ns: int, count: int, change: Change | None) -> None:
         """After both navigators: hand over corrections, record stops, follow who leads."""
         realtime = self.realtime
         for correction in self.delayed.drain():
             realtime.correct(correction, remote=False)
-        if realtime.state is None:
+        if not realtime.navigating:
             return
         self.services.advance(change, realtime.buffer, stamp_ns, self._moment)
         for before, after in realtime.drain_corrections():
@@ -111,7 +117,7 @@ class NavigationSystem:
         realtime = self.realtime
         assert realtime.state is not None
         biases = realtime.gyro_bias, realtime.accel_bias
-        return Moment(realtime.state, *biases, realtime.accuracy.covariance, realtime.correction)
+        return Moment(realtime.state, *biases, realtime.accuracy.covariance, realtime.compensation.matrix)
 
     # --- input
 
@@ -126,7 +132,26 @@ class NavigationSystem:
         """
         before = self.front_end.stamp_ns
         self.front_end.add_imu(stamp_ns, wx, wy, wz, fx, fy, fz)
-        return self.realtime.state is not None and self.front_end.stamp_ns != before
+        return self.realtime.navigating and self.front_end.stamp_ns != before
+
+    def add_imu_run(self, stamps: Stamps, values: Array, until_ns: int) -> tuple[int, bool]:
+        """Process the first of a block of IMU samples, as `add_imu` would one after the other.
+
+        Parameters
+        ----------
+        stamps, values, until_ns
+            As in `ins_nav.navigator.front_end.FrontEnd.add_imu_run`.
+
+        Returns
+        -------
+        int
+            Number of samples processed.
+        bool
+            Whether there are new solutions: `RealtimeNavigator.entries`.
+        """
+        before = self.front_end.stamp_ns
+        count = self.front_end.add_imu_run(stamps, values, until_ns)
+        return count, self.realtime.navigating and self.front_end.stamp_ns != before
 
     def add(self, topic: str, message: Any) -> None:
         """Process a message of an aid: for the filter, and for the place to align at.
@@ -183,8 +208,9 @@ class NavigationSystem:
             self.delayed.call_zupt(self.front_end.stamp_ns)
         elif answer.found is not None and answer.expected is not None:
             used_ns = max(answer.stamp_ns, self.delayed.settled_ns)
-            entry = self.realtime.buffer.between(used_ns, self.front_end.stamp_ns)[0]  # still at rest
-            self.delayed.calibrate(StopCalibration(entry.stamp_ns, entry.state, answer.found, answer.expected))
+            stamps, _, states = self.realtime.buffer.between(used_ns, self.front_end.stamp_ns)  # still at rest
+            state = nav_state.NavState._make(states[0].tolist())
+            self.delayed.calibrate(StopCalibration(int(stamps[0]), state, answer.found, answer.expected))
         self.events.report(INFO, f"{name}: {answer.text}")
         return True, answer.text
 
@@ -314,6 +340,12 @@ class ScheduledCalls:
         self.schedule = ServiceSchedule(system.configuration.stop_detector)
         self._stopped = announced
         self._restarts = 0
+
+    @property
+    def due_ns(self) -> int:
+        """Stamp of the sample after which a service is due; `after_sample` may follow several earlier ones."""
+        detector = self._system.front_end.detector
+        return min(detector.since_ns + self.schedule.due_ns, NEVER_NS) if detector.stopped else NEVER_NS
 
     def after_sample(self) -> None:
         """The system has processed a sample."""

@@ -117,7 +117,7 @@ class InsNode(Node):
 
     def _on_imu(self, sample: ImuSample) -> None:
         new = self.system.add_imu(*sample)
-        if new and self._out.due():
+        if new and self._out.due(self._navigator.stamp_ns):
             self._publish()
         self.after_sample()
         if self.system.events.pending:
@@ -127,7 +127,7 @@ class InsNode(Node):
         out = self._out
         if out.first:
             self._publish_bias()
-        out.fill()
+        out.fill(self._navigator.entries)
         if self._tf is not None:  # first: its look-up at the stamp of the odometry needs no waiting
             transform = self._transforms.transforms[0]
             set_stamp(transform, self._navigator.stamp_ns)

@@ -211,9 +211,12 @@ class BagReader:
         try:
             return self._store(raw.msgtype).deserialize_cdr(raw.data, raw.msgtype)
         except Exception as error:  # rosbags passes on any error that invalid bytes cause
-            raise BagError(
-                f"{self.path}: the message on {raw.topic} at {raw.stamp_ns} ns is not a valid {raw.msgtype}: {error}"
-            ) from error
+            raise self.invalid(raw, error) from error
+
+    def invalid(self, raw: RawMessage, reason: Exception) -> BagError:
+        """The error that a message cannot be decoded."""
+        text = f"the message on {raw.topic} at {raw.stamp_ns} ns is not a valid {raw.msgtype}"
+        return BagError(f"{self.path}: {text}: {reason}")
 
     def _open(self) -> None:
         files = self._files()

@@ -104,6 +104,8 @@ _FORGETTING = 1.001
 _NOISE_FLOOR = 0.005
 """Of sway and vibration: no base is quieter."""
 
+_ROUNDING_NS = 1_000
+"""ns: more than the rounding of a sum of intervals."""
 
 _Place = tuple[int, float, float, float, float, float, float]
 """Stamp; mean over the block that ends there of the horizontal velocity (2) and of the integral (3); yaw."""
@@ -224,38 +226,22 @@ class StopDetector:
         self._sums = add_sample(self._sums, sample)
         return self._end_block() if completes(self._sums[0], h) else None
 
-    def add_block(self, stamps: NDArray[np.int64], samples: NDArray[np.float64]) -> list[Change]:
-        """Add a block of samples, as `add` would one after the other; compiled.
+    def due_ns(self, longest: float) -> int:
+        """Stamp before which no sample completes a block, where no interval is longer than this, s."""
+        return self.stamp_ns + int((BLOCK - 0.5 * longest - self._sums[0]) * 1e9) - _ROUNDING_NS
+
+    def add_run(self, stamp_ns: int, samples: NDArray[np.float64]) -> None:
+        """Add samples before `due_ns`, as `add` would one after the other; compiled.
 
         Parameters
         ----------
-        stamps : ndarray of int64, shape (n,)
-            ns.
+        stamp_ns : int
+            Of the last.
         samples : ndarray, shape (n, 7)
             A `Sample` a row.
-
-        Returns
-        -------
-        list of Change
-            Oldest first.
         """
-        samples = np.ascontiguousarray(samples, dtype=float)
-        changes = []
-        i = 0
-        while i < len(samples):
-            self._sums, following, complete = add_samples(self._sums, samples, i)
-            if following > i:
-                self.stamp_ns = int(stamps[following - 1])
-            i = following
-            change = None
-            if complete:
-                change = self._end_block()
-            elif i < len(samples):
-                change = self._gap(int(stamps[i]))
-                i += 1
-            if change is not None:
-                changes.append(change)
-        return changes
+        self.stamp_ns = stamp_ns
+        self._sums = add_samples(self._sums, samples)
 
     def _gap(self, stamp_ns: int) -> Change | None:
         last, was = self.stamp_ns, self.stopped

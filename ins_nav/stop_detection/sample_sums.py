@@ -54,35 +54,14 @@ def completes(time: float, h: float) -> bool:
     return time >= BLOCK - 0.5 * h
 
 
-def _add_samples(sums: Sums, samples: NDArray[np.float64], first: int) -> tuple[Sums, int, bool]:
-    for i in range(first, len(samples)):
+def _add_samples(sums: Sums, samples: NDArray[np.float64]) -> Sums:
+    for i in range(len(samples)):
         h, wx, wy, wz, fx, fy, fz = samples[i]
-        if is_gap(h):
-            return sums, i, False
         sums = add_sample(sums, (h, wx, wy, wz, fx, fy, fz))
-        if completes(sums[0], h):
-            return sums, i + 1, True
-    return sums, len(samples), False
+    return sums
 
 
-def add_samples(sums: Sums, samples: NDArray[np.float64], first: int) -> tuple[Sums, int, bool]:
-    """`add_sample` compiled: up to the end of the block, a gap, or the end of the samples.
-
-    Parameters
-    ----------
-    sums : Sums
-    samples : ndarray, shape (n, 7)
-        A `Sample` a row, contiguous.
-    first : int
-        Row to begin with.
-
-    Returns
-    -------
-    sums : Sums
-    next_row : int
-        After the last one added.
-    complete : bool
-        Whether the block is.
-    """
-    result: tuple[Sums, int, bool] = compiled(_add_samples)(sums, samples, first)
+def add_samples(sums: Sums, samples: NDArray[np.float64]) -> Sums:
+    """`add_sample` for each row of samples, shape (n, 7); compiled."""
+    result: Sums = compiled(_add_samples)(sums, samples)
     return result

@@ -21,11 +21,10 @@ from numpy.typing import NDArray
 from ins_nav.alignment.gravity_cone import GravityCone
 from ins_nav.config.sections import ImuSection, ZuptSection
 from ins_nav.estimation.error_model import Vector
-from ins_nav.estimation.imu_error import corrected
 from ins_nav.estimation.state_layout import GYRO_BIAS, HEADING
 from ins_nav.mechanization.nav_state import NavState, heading_change, up_axis
 from ins_nav.mechanization.replay_buffer import ReplayBuffer
-from ins_nav.mechanization.strapdown import without_bias
+from ins_nav.mechanization.strapdown import Compensation, compensated, compensated_rows
 from ins_nav.stop_detection.detector import Change, StopDetector
 from ins_nav.zupt.stationary_rates import MIN_DURATION, StationaryRates, StationaryRatesResult
 from ins_nav.zupt.stationary_updates import DOUBT_SIGMAS, DOUBT_SPEED, MARGIN_NS, SETTLE_NS
@@ -194,8 +193,13 @@ class ZuptServices:
         # a heading found is that of the middle, one given that of the end
         stop.before = -turn if heading_given else -0.5 * turn
 
+    @property
+    def due_ns(self) -> int:
+        """Stamp of the sample with which a batch settles."""
+        return self._settled_ns + SETTLE_NS + _BATCH_NS
+
     def advance(self, change: Change | None, buffer: ReplayBuffer, stamp_ns: int, moment: Callable[[], Moment]) -> None:
-        """Process one sample that the buffer has as its newest entry.
+        """Process samples, of which the buffer has the last as its newest entry.
 
         Parameters
         ----------
@@ -206,7 +210,7 @@ class ZuptServices:
         moment : callable
             Gives the solution in use.
         """
-        if change is None and stamp_ns - self._settled_ns < SETTLE_NS + _BATCH_NS:
+        if change is None and stamp_ns < self.due_ns:
             return
         solution = moment()
         if change is not None and not change.stopped:
@@ -215,7 +219,7 @@ class ZuptServices:
             self._settle(min(change.stamp_ns, stamp_ns), buffer, solution)
             if self._stop is None:
                 self._stop = self._new(self._settled_ns, solution._replace(state=buffer.at(self._settled_ns).state))
-        if stamp_ns - self._settled_ns < SETTLE_NS + _BATCH_NS:
+        if stamp_ns < self.due_ns:
             return
         self._settle(stamp_ns - SETTLE_NS, buffer, solution)
         stop = self._stop
@@ -249,26 +253,18 @@ class ZuptServices:
 
     def _settle(self, until_ns: int, buffer: ReplayBuffer, moment: Moment) -> None:
         """Account for samples that are certain: S turns; a stop is measured."""
-        entries = buffer.between(self._settled_ns, until_ns)
-        if not entries:
+        stamps, samples, states = buffer.between(self._settled_ns, until_ns)
+        if not len(stamps):
             return
         stop = self._stop
-        x = y = z = 0.0
-        for entry in entries:
-            h = entry.raw[0]
-            ux, uy, uz = up_axis(entry.state)
-            x, y, z = x + h * ux, y + h * uy, z + h * uz
         if stop is not None:
-            biases, matrix = (stop.gyro_bias, stop.accel_bias), moment.correction
-            previous = without_bias(corrected(matrix, buffer.at(self._settled_ns).raw), *biases)
-            for entry in entries:
-                sample = without_bias(corrected(matrix, entry.raw), *biases)
-                stop.rest.add(previous, sample, self._instantaneous)
-                previous = sample
-        turn = np.array([x, y, z])
+            compensation = Compensation(stop.gyro_bias, stop.accel_bias, moment.correction)
+            before = compensated(buffer.at(self._settled_ns).raw, *compensation)
+            stop.rest.add_block(before, compensated_rows(samples, compensation), self._instantaneous)
+        turn = samples[:, 0] @ np.column_stack(up_axis(NavState._make(states.T)))
         self._turned = self._turned + turn
         self._removed += float(turn @ np.asarray(moment.gyro_bias))
-        self._settled_ns = entries[-1].stamp_ns
+        self._settled_ns = int(stamps[-1])
 
     def _leave(self, ended_ns: int, buffer: ReplayBuffer, moment: Moment) -> None:
         """The stop has ended."""

@@ -19,7 +19,7 @@ from ins_nav.alignment.noise_model import TrendNoise, trend_basis
 from ins_nav.mechanization.attitude import Quaternion
 from ins_nav.mechanization.earth import RATE
 from ins_nav.mechanization.nav_state import NavState, geodetic
-from ins_nav.mechanization.strapdown import Sample
+from ins_nav.mechanization.strapdown import Sample, sample_of
 from ins_nav.zupt.zupt_equations import StopMeasurement, ZuptError
 
 Array = NDArray[np.float64]
@@ -90,6 +90,12 @@ class StationaryRates:
     def add(self, previous: Sample, sample: Sample, instantaneous: bool) -> None:
         """Add one sample, biases in use removed, as in `ins_nav.mechanization.strapdown.step`."""
         self._cone.add(previous, sample, instantaneous)
+
+    def add_block(self, previous: Sample, samples: Array, instantaneous: bool) -> None:
+        """Add samples, a row each, as `add` would one after the other; compiled."""
+        while len(samples):
+            count, _ = self._cone.add_block(previous, samples, instantaneous)
+            previous, samples = sample_of(samples[count - 1]), samples[count:]
 
     def result(self, accel_bias_stddev: float = 0.0, until: float = math.inf) -> StationaryRatesResult:
         """Analyse the stop so far.

@@ -14,6 +14,8 @@ from ins_nav.estimation.covariance_propagation import CovariancePropagation, cov
 from ins_nav.estimation.error_filter import ErrorFilter
 from ins_nav.mechanization import nav_state
 from ins_nav.mechanization.replay_buffer import ReplayBuffer
+from ins_nav.mechanization.stamped_rows import StampedRows
+from ins_nav.mechanization.strapdown import SAMPLE_SIZE
 from ins_nav.simulation.scenarios import Simulation, simulate
 
 pytestmark = pytest.mark.xdist_group("covariance_propagation")  # they share _drives and _turns
@@ -237,9 +239,13 @@ def _begun(covariance: Array | None = None, **parameters: object) -> CovarianceP
 
 
 def _standing(seconds: float) -> ReplayBuffer:
-    history = ReplayBuffer(False, True)
+    samples = StampedRows(SAMPLE_SIZE)
+    history = ReplayBuffer(samples, False, True)
     for i in range(round(seconds * 50.0) + 1):
-        history.add(i * NS // 50, (0.02, 0.0, 0.0, 0.0, 0.0, 0.0, 9.8), STATE)
+        samples.append(i * NS // 50, (0.02, 0.0, 0.0, 0.0, 0.0, 0.0, 9.8))
+        if i == 0:
+            history.begin(STATE)
+    history.between(0, seconds * NS).states[:] = STATE
     return history
 
 

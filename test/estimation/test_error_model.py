@@ -91,11 +91,16 @@ def run(
     further: Array | None = None,
 ) -> Array:
     """States from the start on, with these biases and further errors removed from the samples."""
-    samples = d.samples - [0.0, *gyro_bias, *accel_bias]
     matrix = None if further is None else FURTHER.correction(further)
-    if matrix is not None:
-        samples[:, 1:] = samples[:, 1:] @ matrix.T
-    states = strapdown.integrate(state, tuple(samples[0]), samples, vertical=vertical, water_surface=d.water_surface)
+    samples = d.samples - [0.0, *gyro_bias, *accel_bias]
+    states = strapdown.integrate(
+        state,
+        tuple(samples[0]),
+        samples,
+        strapdown.NO_COMPENSATION._replace(matrix=matrix),
+        vertical=vertical,
+        water_surface=d.water_surface,
+    )
     return np.vstack([state, states])
 
 

@@ -310,18 +310,18 @@ def test_any_stream(steps: list[tuple[int, bool, tuple[float, ...]]], learned: b
     assert waiting in (0, 1)
 
 
-def _blocks(stream: ImuStream, stamps: list[int], values: list[tuple[float, ...]], size: int) -> list[object]:
-    """What comes of a stream in blocks, in the order of `ImuStream.accept`."""
-    out: list[object] = []
+def _blocks(fed: Fed, stamps: list[int], values: list[tuple[float, ...]], size: int) -> None:
+    """Put a stream in blocks of this size: runs together, what ends a run by itself."""
     for i in range(0, len(stamps), size):
-        block = stream.accept_block(np.array(stamps[i : i + size]), np.array(values[i : i + size]))
-        items: list[object] = [
-            (stamp, tuple(sample)) for stamp, sample in zip(block.stamps.tolist(), block.samples.tolist(), strict=True)
-        ]
-        for row, jump in reversed(block.restarts):
-            items.insert(row, jump)
-        out += items
-    return out
+        at, rows = np.array(stamps[i : i + size]), np.array(values[i : i + size])
+        while len(at):
+            samples = fed.stream.accept_run(at, rows, 2**63 - 1)
+            count = len(samples)
+            fed.out += list(zip(at.tolist(), map(tuple, samples.tolist()), strict=False))
+            if count < len(at):
+                fed.put(int(at[count]), tuple(rows[count].tolist()))
+                count += 1
+            at, rows = at[count:], rows[count:]
 
 
 _RARE = st.sampled_from([0, -STEP, 3 * STEP, 60 * STEP, -2_000_000_000, 2_000_000_000, 20_000_000_000, -(2**61)])
@@ -351,13 +351,17 @@ def test_a_block_is_sample_after_sample(
     one, other = Fed(instantaneous=instantaneous), Fed(instantaneous=instantaneous)
     for at, row in zip(stamps, values, strict=True):
         one.put(at, row)
-    expected = [item if isinstance(item, float) else (at, item) for at, item in one.out]
-    assert _blocks(other.stream, stamps, values, size) == expected
+    _blocks(other, stamps, values, size)
+    assert other.out == one.out
     assert (other.counts, other.events.drain()) == (one.counts, one.events.drain())
     for name in ("received", "accepted", "regular"):
         assert getattr(other.stream, name) == getattr(one.stream, name)
 
 
-def test_a_block_of_nothing() -> None:
-    block = Fed().stream.accept_block(np.empty(0, dtype=np.int64), np.empty((0, 6)))
-    assert (block.stamps.shape, block.samples.shape, block.restarts) == ((0,), (0, 7), [])
+def test_a_run_ends_at_a_stamp() -> None:
+    fed = Fed()
+    for i in range(100):
+        fed.put(START + i * STEP, VALUES)
+    stamps, values = START + np.arange(100, 110) * STEP, np.array([VALUES] * 10)
+    assert len(fed.stream.accept_run(stamps, values, int(stamps[4]))) == 4
+    assert len(fed.stream.accept_run(stamps[4:], values[4:], int(stamps[4]))) == 0

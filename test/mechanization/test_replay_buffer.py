@@ -7,49 +7,52 @@ import pytest
 
 from ins_nav.mechanization import attitude, nav_state, strapdown
 from ins_nav.mechanization.nav_state import NavState
-from ins_nav.mechanization.replay_buffer import LENGTH_NS, Entry, ReplayBuffer
-from ins_nav.mechanization.strapdown import Sample
+from ins_nav.mechanization.replay_buffer import Entry, ReplayBuffer
+from ins_nav.mechanization.stamped_rows import LENGTH_NS, StampedRows
+from ins_nav.mechanization.strapdown import NO_COMPENSATION, SAMPLE_SIZE, Compensation
 
 STEP_NS = 20_000_000
-BIAS = (1e-4, -2e-4, 3e-4)
-
-
-def _without_bias(sample: Sample) -> Sample:
-    h, wx, wy, wz, fx, fy, fz = sample
-    return h, wx - BIAS[0], wy - BIAS[1], wz - BIAS[2], fx, fy, fz
+COMPENSATION = Compensation((1e-4, -2e-4, 3e-4), (0.0, 0.0, 0.0))
 
 
 def _filled(count: int, instantaneous: bool = False, vertical: bool = False) -> ReplayBuffer:
-    """A history of random motion, biases removed as it went."""
+    """A history of random motion."""
     rng = np.random.default_rng(3)
     values = np.c_[rng.normal(0.0, 0.5, (count, 3)), [0.0, 0.0, 9.8] + rng.normal(0.0, 2.0, (count, 3))].tolist()
-    history = ReplayBuffer(instantaneous, vertical)
-    state = nav_state.initial_state(1.0, 0.5, 100.0, (3.0, 4.0, 0.0), attitude.from_euler(0.1, -0.2, 2.0))
-    previous: Sample | None = None
+    samples = StampedRows(SAMPLE_SIZE)
+    history = ReplayBuffer(samples, instantaneous, vertical)
     for i, row in enumerate(values):
-        raw: Sample = (STEP_NS * 1e-9, *row)
-        sample = _without_bias(raw)
-        if previous is not None:
-            block, settings = np.array([sample]), {"instantaneous": instantaneous, "vertical": vertical}
-            state = NavState._make(strapdown.integrate(state, previous, block, **settings)[0].tolist())
-        history.add(i * STEP_NS, raw, state)
-        previous = sample
+        samples.append(i * STEP_NS, (STEP_NS * 1e-9, *row))
+        if i == 0:
+            history.begin(
+                nav_state.initial_state(1.0, 0.5, 100.0, (3.0, 4.0, 0.0), attitude.from_euler(0.1, -0.2, 2.0))
+            )
+        else:
+            history.integrate(1, COMPENSATION)
     return history
 
 
 def _entries(history: ReplayBuffer) -> list[Entry]:
-    return history.between(-1, 10**18)
+    entries = zip(*(array.tolist() for array in history.between(-1, 10**18)), strict=True)
+    return [Entry(stamp_ns, tuple(raw), NavState._make(state)) for stamp_ns, raw, state in entries]
 
 
-def test_length_is_bounded() -> None:
+def test_at_least_the_last_seconds_are_stored() -> None:
     history = _filled(1000)  # 20 s
-    stamps = [entry.stamp_ns for entry in _entries(history)]
-    assert len(history) == len(stamps) == LENGTH_NS // STEP_NS + 1
-    assert stamps[-1] == 999 * STEP_NS and stamps[0] == stamps[-1] - LENGTH_NS
-    history.add(stamps[-1] + 100 * LENGTH_NS, (1.0,) * 7, (0.0,) * 12)  # after a gap the newest alone
-    assert len(history) == 1
-    history.clear()
-    assert len(history) == 0
+    oldest = history.at(0)
+    assert oldest.stamp_ns == 999 * STEP_NS - LENGTH_NS
+    assert _entries(history)[-1].stamp_ns == 999 * STEP_NS
+
+
+def test_entries_before_the_first_state_do_not_exist() -> None:
+    samples = StampedRows(SAMPLE_SIZE)
+    history = ReplayBuffer(samples, False, False)
+    state = nav_state.initial_state(1.0, 0.5, 100.0, (3.0, 4.0, 0.0), attitude.from_euler(0.1, -0.2, 2.0))
+    for i in range(10):
+        samples.append(i * STEP_NS, (STEP_NS * 1e-9, 0.0, 0.0, 0.0, 0.0, 0.0, 9.8))
+    history.begin(state)
+    assert history.at(3 * STEP_NS).state == history.newest == state
+    assert [entry.stamp_ns for entry in _entries(history)] == [9 * STEP_NS]
 
 
 def test_finding_entries() -> None:
@@ -58,10 +61,10 @@ def test_finding_entries() -> None:
     assert history.at(50 * STEP_NS + STEP_NS - 1).stamp_ns == 50 * STEP_NS  # not after the stamp
     assert history.at(10**18).stamp_ns == 99 * STEP_NS
     assert history.at(-1).stamp_ns == 0  # the oldest where all are
-    stamps = [entry.stamp_ns // STEP_NS for entry in history.between(10 * STEP_NS, 13 * STEP_NS)]
-    assert stamps == [11, 12, 13]
-    assert history.between(13 * STEP_NS, 13 * STEP_NS) == history.between(13 * STEP_NS, 10 * STEP_NS) == []
-    assert history.between(99 * STEP_NS, 10**18) == []
+    assert (history.between(10 * STEP_NS, 13 * STEP_NS).stamps // STEP_NS).tolist() == [11, 12, 13]
+    assert (history.last(2).stamps // STEP_NS).tolist() == [98, 99]
+    for after, until in ((13, 13), (13, 10), (99, 200)):
+        assert len(history.between(after * STEP_NS, until * STEP_NS).stamps) == 0
 
 
 @pytest.mark.parametrize("instantaneous", [False, True])
@@ -71,7 +74,7 @@ def test_run_again_with_nothing_changed_is_bit_for_bit_the_same(back: int, verti
     history = _filled(700, instantaneous, vertical)
     before = _entries(history)
     entry = before[-1 - back]
-    assert history.reintegrate(entry.stamp_ns, entry.state, BIAS, (0.0, 0.0, 0.0)) == before[-1].state
+    assert history.reintegrate(entry.stamp_ns, entry.state, COMPENSATION) == before[-1].state
     assert _entries(history) == before  # samples with their biases, and every state between
 
 
@@ -81,7 +84,7 @@ def test_run_again_from_another_state_with_another_bias() -> None:
     before = _entries(history)
     start = 400
     state: NavState = nav_state.corrected(before[start].state, (3.0, -4.0, 0.0), (0.5, 0.1, 0.0), (1e-3, 2e-3, -1e-3))
-    end = history.reintegrate(before[start].stamp_ns, state, (0.0,) * 3, (0.0,) * 3)
+    end = history.reintegrate(before[start].stamp_ns, state, NO_COMPENSATION)
     after = _entries(history)
     assert after[:start] == before[:start]
     assert after[start].state == state and after[-1].state == end

@@ -253,17 +253,41 @@ def test_integrate_is_step_after_step(instantaneous: bool, vertical: bool) -> No
     biases = (1e-3, -2e-3, 3e-3), (0.01, 0.02, -0.03)
     state = nav_state.initial_state(1.0, 0.5, 100.0, (3.0, 4.0, 0.0), attitude.from_euler(0.1, -0.2, 2.0))
     first = tuple(samples[0].tolist())
-    states = strapdown.integrate(state, first, samples[1:], *biases, instantaneous=instantaneous, vertical=vertical)
+    states = strapdown.integrate(
+        state, first, samples[1:], strapdown.Compensation(*biases), instantaneous=instantaneous, vertical=vertical
+    )
     previous = strapdown.without_bias(first, *biases)
     for i, row in enumerate(samples[1:].tolist()):
         sample = strapdown.without_bias(row, *biases)
         state = strapdown.step(state, previous, sample, instantaneous, vertical)
         previous = sample
-        # the compiler may order additions differently: rounding only
+        # functions of the mathematical libraries may differ in the last bit
         np.testing.assert_allclose(states[i], state, rtol=1e-11, atol=1e-13)
     assert len(state) == nav_state.STATE_SIZE
     assert math.hypot(*state[0:4]) == pytest.approx(1.0, abs=1e-14)
     assert math.hypot(*state[7:11]) == pytest.approx(1.0, abs=1e-14)
+
+
+@pytest.mark.parametrize("matrix", [None, np.eye(6) + 1e-3 * np.random.default_rng(1).normal(size=(6, 6))])
+@pytest.mark.parametrize("size", [1, 7])
+def test_blocks_of_any_size_are_the_same_to_the_last_bit(matrix: np.ndarray | None, size: int) -> None:
+    """One sample of the live tick, a block, the whole recording."""
+    samples, states = _random_samples(500), np.empty((500, nav_state.STATE_SIZE))
+    states[0] = nav_state.initial_state(1.0, 0.5, 100.0, (3.0, 4.0, 0.0), attitude.from_euler(0.1, -0.2, 2.0))
+    compensation = strapdown.Compensation((1e-3, -2e-3, 3e-3), (0.01, 0.02, -0.03), matrix)
+    start = nav_state.NavState._make(states[0].tolist())
+    whole = strapdown.integrate(start, tuple(samples[0].tolist()), samples[1:], compensation)
+    for first in range(1, len(samples), size):
+        until = min(first + size, len(samples))
+        strapdown.fill_states(samples, states, first, until, compensation, False, True, earth.NO_WATER)
+    assert np.array_equal(states[1:], whole)
+
+
+def test_a_matrix_corrects_readings_before_their_biases() -> None:
+    sample, matrix = tuple(_random_samples(1)[0].tolist()), np.diag([2.0, 1.0, 1.0, 1.0, 1.0, 0.5])
+    matrix[0, 1] = 0.25
+    _, *found = strapdown.compensated(sample, (0.1, 0.2, 0.3), (0.4, 0.5, 0.6), matrix)
+    np.testing.assert_allclose(found, matrix @ sample[1:] - [0.1, 0.2, 0.3, 0.4, 0.5, 0.6], rtol=1e-15, atol=1e-15)
 
 
 def test_irregular_intervals_cost_nothing() -> None:

@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from ins_nav.cli.process import main
 from ins_nav.estimation.error_model import azimuth
 from ins_nav.mechanization import nav_state
+from ins_nav.mechanization.replay_buffer import Entries
 from ins_nav.messages.solution import SolutionMessages
 from ins_nav.recordings.bags import BagReader
 from ins_nav.simulation.recording import write_bag
@@ -88,11 +89,11 @@ def test_covariances_of_the_messages(bag: Path, tmp_path: Path) -> None:
 
 def _filled(state: nav_state.NavState, covariance: np.ndarray, origin: nav_state.MapFrame) -> SolutionMessages:
     ins = Ins({"navigation.vertical_channel": True})
-    ins.state, ins.map, ins.changes = state, origin, 1
+    ins.map, ins.changes = origin, 1
     ins.accuracy.begin(0, state, covariance, (0.0, 0.0))
     out = SolutionMessages(ins)
-    assert out.due()
-    out.fill()
+    assert out.due(0)
+    out.fill(Entries(np.zeros(1, dtype=np.int64), np.zeros((1, 7)), np.array([state])))
     return out
 
 

@@ -43,9 +43,11 @@ def _on_time(feedback: Sequence[Correction]) -> list[tuple[int, Correction]]:
 def _rerun(ins: Ins, feedback: Correction) -> nav_state.NavState:
     """The feedback's state, carried on over the samples since."""
     buffer = ins.realtime.buffer
-    samples = np.array([entry.raw for entry in buffer.between(feedback.stamp_ns, ins.stamp_ns)])
-    biases = ins.gyro_bias, ins.accel_bias
-    states = strapdown.integrate(feedback.state, buffer.at(feedback.stamp_ns).raw, samples, *biases, vertical=False)
+    samples = buffer.between(feedback.stamp_ns, ins.stamp_ns).samples
+    compensation = ins.compensation
+    states = strapdown.integrate(
+        feedback.state, buffer.at(feedback.stamp_ns).raw, samples, compensation, vertical=False
+    )
     return nav_state.NavState._make(states[-1].tolist())
 
 

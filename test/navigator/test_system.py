@@ -33,6 +33,8 @@ def test_unknown_parameter() -> None:
         Ins({"alignment.durration": 1.0})
 
 
+LATEST = (2**31 - 2 * 86_400) * 1_000_000_000
+"""ns: two days before the last stamp that a header can have."""
 _STEPS = st.one_of(
     st.just(10_000_000),
     st.integers(-30_000_000, 30_000_000),
@@ -63,7 +65,7 @@ def test_any_input(
     fed.feed(messages[:start])
     stamp = messages[start][0]
     for step, values, fix in steps:
-        stamp += step
+        stamp = min(stamp + step, LATEST)
         fed.feed([(stamp, values or messages[0][1])])
         if fix is not None:
             aid_messages.add(n, "fix", stamp, *fix)

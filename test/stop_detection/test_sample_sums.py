@@ -52,11 +52,22 @@ def test_a_block_is_sample_after_sample(drive: np.ndarray, size: int, rare: dict
     stamps = np.arange(1, len(samples) + 1) * STEP_NS
     one, other = StopDetector(), StopDetector()
     expected = [one.add(at, tuple(row)) for at, row in zip(stamps.tolist(), samples.tolist(), strict=True)]  # type: ignore[arg-type]
-    found: list[Change] = []
-    for i in range(0, len(samples), size):
-        found += other.add_block(stamps[i : i + size], samples[i : i + size])
-    assert found == [change for change in expected if change is not None]
+    found: list[Change | None] = []
+    longest, i = STEP_NS * 1e-9, 0
+    while i < len(samples):
+        due = np.flatnonzero(
+            (stamps[i:] >= other.due_ns(longest)) | ~(samples[i:, 0] > 0.0) | (samples[i:, 0] > longest)
+        )
+        count = min(size, int(due[0]) if len(due) else len(samples) - i)
+        if count:
+            other.add_run(int(stamps[i + count - 1]), samples[i : i + count])
+        else:
+            found.append(other.add(int(stamps[i]), tuple(samples[i].tolist())))
+            count = 1
+        i += count
+    changes = [change for change in found if change is not None]
+    assert changes == [change for change in expected if change is not None]
     for name in ("stopped", "since_ns", "stamp_ns", "rest_ns", "shake", "noise", "speed", "speed_stddev"):
         assert getattr(other, name) == getattr(one, name)
     if not rare:
-        assert [change.stopped for change in found] == [True, False, True, False]
+        assert [change.stopped for change in changes] == [True, False, True, False]

@@ -104,7 +104,7 @@ def test_going_on_from_a_state_of_the_past_with_nothing_changed() -> None:
     before, buffer = n.state, n.buffer
     for back_ns in (11_000_000_000, 3_000_000_000, 0):
         entry = buffer.at(n.stamp_ns - back_ns)
-        assert buffer.reintegrate(entry.stamp_ns, entry.state, n.gyro_bias, n.accel_bias) == before
+        assert buffer.reintegrate(entry.stamp_ns, entry.state, n.compensation) == before
 
 
 _STEPS = st.one_of(
