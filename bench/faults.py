@@ -20,7 +20,7 @@ from scipy.ndimage import maximum_filter1d
 
 from bench.fault_run import COMPONENTS, EVERY, PROTECTED, Line, Run, Track, recording_of
 from bench.fault_table import CARRIERS, ROWS, Row, simulated
-from ins_nav.errors import InsNavError
+from ins_nav.errors import ENDING_SIGNALS, InsNavError
 
 Array = NDArray[np.float64]
 _PROCESSES = 2
@@ -181,6 +181,12 @@ def _right_again(row: Row, track: Track, clean: Track) -> float:
     return math.inf if wrong[-1] > track.time[-1] - _SIGMA_TIME else float(wrong[-1] - end)
 
 
+def _by_default() -> None:
+    """A process ends at a signal: it does not inherit the handlers of the command."""
+    for number in ENDING_SIGNALS:
+        signal.signal(number, signal.SIG_DFL)
+
+
 def run_row(name: str, seed: int) -> Track:
     """The run of one row, in a process of its own."""
 
@@ -238,7 +244,7 @@ def results(data: Path, seeds: int = 1, rows: str = "*") -> Iterator[str]:
     """
     wanted, found = chosen(rows), []
     yield _HEAD
-    with ProcessPoolExecutor(_PROCESSES) as pool:
+    with ProcessPoolExecutor(_PROCESSES, initializer=_by_default) as pool:
         clean: dict[tuple[str, int], Future[Track]] = {}
         runs: dict[Future[Track], tuple[Row, int]] = {}
         for seed in range(1, seeds + 1):
@@ -248,12 +254,15 @@ def results(data: Path, seeds: int = 1, rows: str = "*") -> Iterator[str]:
             for row in wanted:
                 usual = clean[row.carrier, seed]
                 runs[usual if row.name == f"{row.carrier}: none" else pool.submit(run_row, row.name, seed)] = row, seed
-        for future in as_completed(runs):
-            row, seed = runs[future]
-            name = row.name if seeds == 1 else f"{row.name} #{seed}"
-            result = evaluate(row, future.result(), clean[row.carrier, seed].result(), name)
-            found.append(result)
-            print(result.text(), flush=True)
+        try:
+            for future in as_completed(runs):
+                row, seed = runs[future]
+                name = row.name if seeds == 1 else f"{row.name} #{seed}"
+                result = evaluate(row, future.result(), clean[row.carrier, seed].result(), name)
+                found.append(result)
+                print(result.text(), flush=True)
+        finally:
+            pool.shutdown(cancel_futures=True)
     yield summary(found)
 
 
