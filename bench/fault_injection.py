@@ -200,6 +200,20 @@ def thinned(stream: Stream, span: Span, count: int) -> Stream:
     return stream._replace(values=values).rows(keep)
 
 
+def split(stream: Stream, span: Span, count: int) -> Stream:
+    """Each sample as so many of the same value, evenly over the interval that it ends: an averaging sensor, faster."""
+    repeats = np.where(stream.within(span), count, 1)
+    index = np.repeat(np.arange(len(stream.time)), repeats)
+    place = np.arange(len(index)) - np.repeat(np.cumsum(repeats) - repeats, repeats)
+    interval = np.diff(stream.time, prepend=2.0 * stream.time[0] - stream.time[1])
+    early = interval[index] * (1.0 - (place + 1.0) / repeats[index])
+    early_ns = np.rint(early * NS).astype(np.int64)
+    more = stream.rows(index)
+    return more._replace(
+        time=more.time - early, stamps_ns=more.stamps_ns - early_ns, arrival_ns=more.arrival_ns - early_ns
+    )
+
+
 def multiplied(stream: Stream, span: Span, count: int) -> Stream:
     """Each message sent so many times, evenly over the interval until the next, with stamps of its own."""
     repeats = np.where(stream.within(span), count, 1)

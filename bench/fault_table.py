@@ -166,9 +166,9 @@ def _rows() -> list[Row]:
         ]
     rows += [
         _imu("vehicle", "IMU lost 5 s, standing", lost, _STAND, 5.0),
-        *_inertial("vehicle", 5.0 * _DEG / 3600.0, 2e-3 * _G, 1e-4, 6e-4),
+        *_inertial("vehicle", 5.0 * _DEG / 3600.0, 2e-3 * _G, 4e-6, 7e-4),
         *_inertial("MEMS car", 0.3 * _DEG, 50e-3 * _G, 6e-4, 0.01),
-        *_inertial("dive", 20.0 * _DEG / 3600.0, 5e-3 * _G, 4e-4, 0.007),
+        *_inertial("dive", 20.0 * _DEG / 3600.0, 5e-3 * _G, 1.9e-5, 0.007),
         _imu("vehicle", "gyros in deg/s", partial(inject.mapped, matrix=math.degrees(1.0), columns=GYRO), 0.0),
         _imu("vehicle", "gyros in deg/s under way", partial(inject.mapped, matrix=57.3, columns=GYRO), _STRAIGHT),
         _imu("vehicle", "force in g", partial(inject.mapped, matrix=1.0 / _G, columns=ACCEL), 0.0),
@@ -189,7 +189,7 @@ def _rows() -> list[Row]:
         _imu("vehicle", "force exactly zero 10 s", partial(inject.replaced, value=0.0, columns=ACCEL), _STRAIGHT, 10.0),
         _imu("vehicle", "NaN 2 s, turning", partial(inject.replaced, value=math.nan), _TURN, 2.0),
         _imu("vehicle", "rate halved", partial(inject.thinned, count=2), _STRAIGHT),
-        _imu("vehicle", "rate doubled", partial(inject.multiplied, count=2), _STRAIGHT),
+        _imu("vehicle", "rate doubled", partial(inject.split, count=2), _STRAIGHT),
         _imu("vehicle", "batches of 10, stamped on arrival", partial(inject.batched, count=10), 0.0),
         _imu("vehicle", "batches of 10 under way", partial(inject.batched, count=10), _STRAIGHT),
         _imu("vehicle", "stamps jitter by 5 ms", partial(inject.jitter, stddev=5e-3, seed=1), 0.0),

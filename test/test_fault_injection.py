@@ -117,6 +117,17 @@ def test_a_halved_rate_keeps_increments() -> None:
     np.testing.assert_allclose(np.diff(after.stamps_ns[left]), 2.0 / RATE * NS)
 
 
+def test_a_doubled_rate_keeps_increments() -> None:
+    before, after = stream(), inject.split(stream(), SPAN, 2)
+    inside = before.within(SPAN)
+    first = int(np.argmax(inside))
+    doubled = slice(first, first + 2 * int(inside.sum()))
+    np.testing.assert_allclose(np.diff(after.stamps_ns[first - 1 : doubled.stop]), 0.5 / RATE * NS, atol=1)
+    np.testing.assert_allclose(0.5 * after.values[doubled].sum(axis=0), before.values[inside].sum(axis=0))
+    assert np.array_equal(after.stamps_ns[doubled][1::2], before.stamps_ns[inside])
+    assert len(after.time) == COUNT + inside.sum()
+
+
 def test_more_messages_have_stamps_between() -> None:
     after = inject.multiplied(stream(), SPAN, 3)
     left = after.within(SPAN)
