@@ -21,12 +21,13 @@ SECTIONS = {
     "fine": "fine alignment on a rocking base, against its sigma and the Cramer-Rao bound; free inertial then",
     "underwater": "log, depth gauge, ranges, whole dives: against the sigma and the Cramer-Rao bound; faults",
     "faults": "every fault on a vehicle, a dive and a MEMS car: errors, sigmas, protection levels, reports, recovery",
+    "files": "ins_process with every broken kind of state_file, parameter file and bag, a full disk, killed",
     "recordings": "real recordings, by ins_process and live",
     "aided": "real recordings with aids: accuracy, honesty of the sigmas, outages",
     "speed": "cost of a sample in the core, in the navigator, in ins_process",
     "live": "400 Hz over ROS 2: losses, latency, load",
 }
-_MODULES = {"fine": "fine_alignment", "aided": "aided_recordings"}
+_MODULES = {"fine": "fine_alignment", "aided": "aided_recordings", "files": "fault_files"}
 """Modules with another name than their section's."""
 
 
