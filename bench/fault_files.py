@@ -182,8 +182,8 @@ def _with_file(name: str, option: str) -> Callable[[Path], Sequence[str]]:
             path.rmdir()
         path.unlink(missing_ok=True)
         make(path)
-        if option == "parameters" and name == "good":
-            path.write_text(_GOOD_STATE.partition("    last_pose")[0])
+        if option == "parameters" and path.is_file() and not path.is_symlink():
+            path.write_bytes(path.read_bytes().partition(b"    last_pose")[0])  # no parameter
         chosen = (
             ("--params-file", str(path)) if option == "parameters" else ("--param", f"state_file:={path}", "--save")
         )

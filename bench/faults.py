@@ -124,7 +124,11 @@ def evaluate(row: Row, track: Track, clean: Track, name: str = "") -> Result:
     over = after & (ratios > np.maximum(_SIGMAS, limits)).any(axis=1)
     if EVERY * float((over & (time < told)).sum()) > _SIGMA_TIME:
         fails.append("over 5 sigma, unreported")
+    elif EVERY * float(over.sum()) > _SIGMA_TIME:
+        fails.append("over 5 sigma, reported")
     none = after & np.isnan(track.error[:, 0])
+    if EVERY * float(none.sum()) > _SIGMA_TIME:
+        fails.append("no solution")
     if track.raised:
         fails.append("raised")
     right = 0.0 if is_clean else _right_again(row, track, clean)

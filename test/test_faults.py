@@ -83,7 +83,7 @@ def test_a_report_in_time_is_no_failure() -> None:
     assert silent.over_time == 20.0
     assert silent.level == 4.5
     reported = evaluate(row(JUMP), constant(9.0, Line(64.0, "gnss/fix: jumped"), level=2.0), clean)
-    assert reported.fails == []
+    assert reported.fails == ["over 5 sigma, reported"]
     assert reported.reported == 4.0
     assert "9" in summary([silent, reported])
 
