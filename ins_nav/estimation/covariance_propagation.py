@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from ins_nav.config.configuration import Configuration
 from ins_nav.estimation.error_filter import ErrorFilter
-from ins_nav.estimation.error_model import Array, ErrorModel
+from ins_nav.estimation.error_model import Array, ErrorModel, rotation_matrix
 from ins_nav.estimation.imu_error import ImuErrors
 from ins_nav.estimation.slow_state import SlowState
 from ins_nav.estimation.state_layout import (
@@ -30,6 +30,7 @@ from ins_nav.estimation.state_layout import (
 )
 from ins_nav.estimation.states import kinds
 from ins_nav.mechanization.earth import known_surface
+from ins_nav.mechanization.imu_condition import ImuCondition
 from ins_nav.mechanization.nav_state import NavState
 from ins_nav.mechanization.replay_buffer import ReplayBuffer
 from ins_nav.mechanization.stamped_rows import LENGTH_NS
@@ -118,6 +119,46 @@ def covariance_of(error_filter: ErrorFilter) -> Array:
     return covariance
 
 
+def propagate(
+    error_filter: ErrorFilter, condition: ImuCondition, before: NavState, after: NavState, begin_ns: int, end_ns: int
+) -> None:
+    """Propagate a filter from one state of the mechanization to the next, with what the samples between may hide.
+
+    Parameters
+    ----------
+    error_filter : ErrorFilter
+    condition : ImuCondition
+    before, after : NavState
+        With no correction between them.
+    begin_ns, end_ns : int
+        Their stamps.
+    """
+    duration = (end_ns - begin_ns) * 1e-9
+    error_filter.model.limit_noise(*condition.noise_limits)
+    error_filter.propagate(before, after, duration)
+    hidden = condition.between(begin_ns, end_ns)
+    if hidden is not None:
+        widen(error_filter, after, *hidden, duration)
+
+
+def widen(error_filter: ErrorFilter, state: NavState, turn: Array, speed: Array, duration: float) -> None:
+    """Add errors on the body's axes.
+
+    Parameters
+    ----------
+    error_filter : ErrorFilter
+    state : NavState
+        At present.
+    turn, speed : ndarray, shape (3,)
+        Variances on each axis, rad² and m²/s².
+    duration : float
+        Time in which they have grown, s.
+    """
+    squares = np.square(rotation_matrix(state[0:4]))
+    speeds = np.sqrt(squares @ speed)
+    error_filter.disturb(np.sqrt(squares @ turn), speeds, duration * speeds)
+
+
 class _Epoch(NamedTuple):
     stamp_ns: int
     state: NavState
@@ -131,6 +172,7 @@ class CovariancePropagation:
     Parameters
     ----------
     configuration : Configuration
+    condition : ImuCondition
 
     Attributes
     ----------
@@ -138,10 +180,13 @@ class CovariancePropagation:
         Number of changes of the covariance.
     due_ns : int
         Earlier states need no propagation.
+    hidden : int
+        Number of hidden errors (`ImuCondition.count`) that it contains.
     """
 
-    def __init__(self, configuration: Configuration) -> None:
+    def __init__(self, configuration: Configuration, condition: ImuCondition) -> None:
         self._configuration = configuration
+        self._condition = condition
         self._height_walk = configuration.aiding.height_walk
         self.count = 0
         self.restart()
@@ -160,7 +205,8 @@ class CovariancePropagation:
         self._idle[BIASES, BIASES] = self.covariance[BIASES, BIASES]
         self._filter = None
         self._epochs: deque[_Epoch] = deque()
-        self._stamp_ns = self.due_ns = 0
+        self._stamp_ns = self.due_ns = self._corrected_ns = 0
+        self.hidden = self._condition.count
         self._state: NavState = NavState(*(0.0,) * 12)
         self.count += 1
 
@@ -187,6 +233,7 @@ class CovariancePropagation:
         self.clear()
         self._model = error_model(self._configuration, learnt_noise)
         self._filter = filter_of(self._model, covariance)
+        self._corrected_ns = stamp_ns
         self._keep(stamp_ns, state)
 
     def advance(self, stamp_ns: int, state: NavState) -> None:
@@ -207,9 +254,19 @@ class CovariancePropagation:
         if stamp_ns > self._stamp_ns:
             self._propagate(stamp_ns, state)
 
+    def renew(self, history: ReplayBuffer) -> None:
+        """Repeat the propagation since the last correction: samples of the past turn out to hide errors."""
+        known, self.hidden = self.hidden, self._condition.count
+        if self._filter is None or self.hidden <= known:
+            return
+        entry = history.at(max(self._condition.earliest(known), self._corrected_ns))
+        self.rewind(entry.stamp_ns, entry.state)
+        self.catch_up(self._state, history)
+
     def replace(self, covariance: Array) -> None:
         """Replace the covariance by that of a correction."""
         self._filter = filter_of(self._model, covariance)
+        self._corrected_ns = self._stamp_ns
 
     def catch_up(self, state: NavState, history: ReplayBuffer) -> None:
         """Propagate from the corrected state to the newest, over the re-integrated states."""
@@ -225,7 +282,7 @@ class CovariancePropagation:
 
     def _propagate(self, stamp_ns: int, state: NavState) -> None:
         assert self._filter is not None
-        self._filter.propagate(self._state, state, (stamp_ns - self._stamp_ns) * 1e-9)
+        propagate(self._filter, self._condition, self._state, state, self._stamp_ns, stamp_ns)
         self._keep(stamp_ns, state)
 
     def _keep(self, stamp_ns: int, state: NavState) -> None:

@@ -87,6 +87,10 @@ from ins_nav.mechanization.nav_state import NavState
 Array = NDArray[np.float64]
 Vector = tuple[float, float, float]
 
+_EXCESS = (2.0, 20.0)
+"""Variance of the white noise of gyros and accelerometers over its upper limit, beyond which it was learnt of something
+else: the limit is good to 20 %, and 1/f noise of accelerometers adds up to ten times as much."""
+
 
 class ErrorModel:
     """Growth of the errors between two states.
@@ -137,23 +141,42 @@ class ErrorModel:
     ) -> None:
         self._water_surface = water_surface
         self.vertical = vertical
-        self.white_noise = gyro_noise, accel_noise
         self.imu_errors = ImuErrors() if imu_errors is None else imu_errors
         self.size = size = SIZE + self.imu_errors.size
         self.slow = (gyro_bias,) * 3 + (accel_bias,) * 3 + self.imu_errors.states
         self.slow_rows = np.r_[BIASES, SIZE:size]
         self.solution_rows = np.r_[SOLUTION, SIZE:size]
-        self._gyro_intensity = gyro_noise**2
         self._intensity: Array = np.zeros((size, size))
         diagonal = np.einsum("ii->i", self._intensity)
         diagonal[HEIGHT] = 0.0 if vertical else height_walk**2
-        diagonal[VELOCITY] = accel_noise**2
-        diagonal[ATTITUDE] = gyro_noise**2
+        self._set_noise(gyro_noise, accel_noise)
         diagonal[self.slow_rows] = [s.walk**2 for s in self.slow]
         self._slow_rates: Array = np.zeros((size, size))
         np.einsum("ii->i", self._slow_rates)[self.slow_rows] = [-1.0 / s.correlation_time for s in self.slow]
-        if not vertical:
+
+    def _set_noise(self, gyro: float, accel: float) -> None:
+        self.white_noise = gyro, accel
+        self._gyro_intensity = gyro**2
+        diagonal = np.einsum("ii->i", self._intensity)
+        diagonal[VELOCITY] = accel**2
+        diagonal[ATTITUDE] = gyro**2
+        if not self.vertical:
             diagonal[VERTICAL_VELOCITY] = 0.0
+
+    def limit_noise(self, gyro: float, accel: float) -> None:
+        """Reduce white noise that was learnt too large, of motion or vibration.
+
+        Parameters
+        ----------
+        gyro, accel : float
+            Upper limits that samples have shown (`ins_nav.mechanization.sample_noise`), rad/√s and m/s/√s.
+        """
+        limited = [
+            min(noise, math.sqrt(excess) * limit)
+            for noise, limit, excess in zip(self.white_noise, (gyro, accel), _EXCESS, strict=True)
+        ]
+        if limited != list(self.white_noise):
+            self._set_noise(*limited)
 
     def transition(self, before: NavState, after: NavState, duration: float, travels: bool = True) -> Array:
         """Transition matrix from one state to a later one, shape (size, size).

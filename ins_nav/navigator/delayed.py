@@ -26,7 +26,7 @@ from ins_nav.alignment.fine_alignment import FineAlignment
 from ins_nav.config.parameters import Value
 from ins_nav.estimation import covariance_propagation
 from ins_nav.estimation.error_filter import ErrorFilter
-from ins_nav.estimation.error_model import Vector, rotation_matrix
+from ins_nav.estimation.error_model import Vector
 from ins_nav.estimation.innovation_gate import GATE, PATIENCE
 from ins_nav.estimation.observation import Measurement
 from ins_nav.estimation.state_layout import BIASES, HEADING
@@ -297,15 +297,15 @@ class DelayedNavigator:
         if time > 0.0:
             assert self.filter is not None and self.state is not None
             self._propagate()
-            squares = np.square(rotation_matrix(self.state[0:4]))
-            turn, speed = (np.sqrt(squares @ np.square(error) * (time / gap)) for error in errors)
-            self.filter.disturb(turn, speed, time * speed)
+            turn, speed = (np.square(error) * (time / gap) for error in errors)
+            covariance_propagation.widen(self.filter, self.state, turn, speed, time)
 
     def _propagate(self) -> None:
         """Propagate the covariance to the present state."""
         if self.settled_ns > self._filtered_ns:
             assert self.filter is not None and self.state is not None
-            self.filter.propagate(self._filtered, self.state, (self.settled_ns - self._filtered_ns) * 1e-9)
+            stamps = self._filtered_ns, self.settled_ns
+            covariance_propagation.propagate(self.filter, self.front_end.condition, self._filtered, self.state, *stamps)
             self._filtered, self._filtered_ns = self.state, self.settled_ns
 
     def _rate(self, after: float, raw: Sample, following: Sample | None) -> Vector:

@@ -26,6 +26,8 @@ from ins_nav.mechanization import attitude, nav_state
 from ins_nav.mechanization.attitude import Quaternion, rotate
 from ins_nav.mechanization.compiled import compiled
 from ins_nav.mechanization.earth import known_surface
+from ins_nav.mechanization.imu_condition import ImuCondition
+from ins_nav.mechanization.imu_monitor import ImuMonitor
 from ins_nav.mechanization.imu_stream import ImuStream
 from ins_nav.mechanization.nav_state import MapFrame, NavState
 from ins_nav.mechanization.stamped_rows import StampedRows, Stamps
@@ -153,6 +155,8 @@ class FrontEnd:
         The last 12 s and more, a `Sample` a row, on base_link's axes, biases not removed.
     first_ns : int
         Stamp of the first sample since the start or the last restart.
+    condition : ImuCondition
+        What the monitors of the IMU found.
     """
 
     def __init__(self, configuration: Configuration, events: EventLog, last_pose: Pose | None = None) -> None:
@@ -168,6 +172,8 @@ class FrontEnd:
         mounting = Rotation.from_euler("ZYX", imu.mounting_rpy[::-1])
         x, y, z, w = mounting.as_quat().tolist()
         self._q_mounting = (x, y, z, w) if mounting.magnitude() > 0.0 else None
+        self.condition = ImuCondition(mounting.as_matrix())
+        self._monitor = ImuMonitor(events)
         self._position = InitialPosition(initial, last_pose, events)
         sigmas = [imu.gyro_bias_stddev] * 3 + [imu.accel_bias_stddev] * 3
         self._given = Biases(imu.gyro_bias, imu.accel_bias, np.diag(np.square(sigmas)))
@@ -188,6 +194,8 @@ class FrontEnd:
         self._heading = self._given_heading
         self._heading_stddev = self.configuration.initial.heading_stddev
         self.detector.restart()
+        self._monitor.restart()
+        self.condition.clear()
         self._position.begin()
         self._start_alignment()
 
@@ -293,6 +301,7 @@ class FrontEnd:
         self.raw = sample_of(samples[-1])
         self.recent.extend(stamps[:count], samples)
         self.detector.add_run(stamp_ns, from_imu)
+        self._monitor.add_run(from_imu)
         if self.aligned:
             for listener in self.listeners:
                 listener.advance(stamp_ns, count, None)
@@ -305,7 +314,7 @@ class FrontEnd:
     @property
     def _due_ns(self) -> int:
         """Stamp of a sample from which more than sums and integration may depend."""
-        due_ns = self.detector.due_ns(self.stream.regular)
+        due_ns = min(self.detector.due_ns(self.stream.regular), self._monitor.due_ns)
         if self.aligned:
             return min(due_ns, *(listener.due_ns for listener in self.listeners))
         return min(due_ns, self.stamp_ns + int(self._alignment.run_left * 1e9) - _ROUNDING_NS)
@@ -352,11 +361,24 @@ class FrontEnd:
         self.raw = raw
         self.recent.append(stamp_ns, raw)
         change = self.detector.add(stamp_ns, from_imu)
+        if self._monitor.add(stamp_ns, from_imu, self.detector.stopped):
+            self._assess()
         if self.aligned:
             for listener in self.listeners:
                 listener.advance(stamp_ns, 1, change)
         else:
             self._coarse(stamp_ns, before, raw)
+
+    def _assess(self) -> None:
+        """What the monitors of the IMU found in the last second."""
+        for hidden in self._monitor.hidden:
+            self.condition.add(hidden)
+        known = self.configuration.imu.gyro_noise, self.configuration.imu.accel_noise
+        gyro, accel = (
+            limit if math.isnan(given) else math.inf
+            for limit, given in zip(self._monitor.noise_limits, known, strict=True)
+        )
+        self.condition.noise_limits = gyro, accel
 
     def _coarse(self, stamp_ns: int, before: Sample, raw: Sample) -> None:
         if raw[0] > self.longest_interval:
@@ -373,6 +395,8 @@ class FrontEnd:
             place = self._position.found(stamp_ns)
             if place is None:
                 return
+            if self._monitor.constant:
+                raise AlignmentError(f"{', '.join(self._monitor.constant)} never changes: it is not measured")
             alignment = self._alignment.solve(place.lat, place.height, self._heading, self._heading_stddev)
         except AlignmentError as error:
             self.events.count("alignment restarts", ERROR, f"alignment from imu/data_raw: {error}", stamp_ns)

@@ -46,7 +46,7 @@ class RealtimeNavigator:
     def __init__(self, front_end: FrontEnd, fine_first: bool = False) -> None:
         self.front_end = front_end
         self._fine_first = fine_first
-        self.accuracy = CovariancePropagation(front_end.configuration)
+        self.accuracy = CovariancePropagation(front_end.configuration, front_end.condition)
         self._imu_errors = imu_errors(front_end.configuration)
         self.buffer = ReplayBuffer(
             front_end.recent, front_end.instantaneous, front_end.vertical, front_end.water_surface
@@ -104,6 +104,8 @@ class RealtimeNavigator:
             return
         if stamp_ns >= self.accuracy.due_ns:
             self.accuracy.advance(stamp_ns, self.buffer.newest)
+        if self.accuracy.hidden != self.front_end.condition.count:
+            self.accuracy.renew(self.buffer)
         if stamp_ns >= self._remote.due_ns:
             self._apply(self._remote)
         if stamp_ns >= self._local.due_ns:

@@ -13,6 +13,7 @@ from ins_nav.aiding.parameters import configuration
 from ins_nav.estimation.covariance_propagation import CovariancePropagation, covariance_of, error_model, filter_of
 from ins_nav.estimation.error_filter import ErrorFilter
 from ins_nav.mechanization import nav_state
+from ins_nav.mechanization.imu_condition import HiddenErrors, ImuCondition
 from ins_nav.mechanization.replay_buffer import ReplayBuffer
 from ins_nav.mechanization.stamped_rows import StampedRows
 from ins_nav.mechanization.strapdown import SAMPLE_SIZE
@@ -232,8 +233,11 @@ def test_noise_of_the_parameters_precedes_learnt_noise() -> None:
     assert known[3, 3] == pytest.approx(2.0 * (100e-6 * 9.80665) ** 2)
 
 
-def _begun(covariance: Array | None = None, **parameters: object) -> CovariancePropagation:
-    accuracy = CovariancePropagation(configuration({"navigation.vertical_channel": True, **parameters}))
+def _begun(
+    covariance: Array | None = None, condition: ImuCondition | None = None, **parameters: object
+) -> CovariancePropagation:
+    known = configuration({"navigation.vertical_channel": True, **parameters})
+    accuracy = CovariancePropagation(known, condition or ImuCondition(np.eye(3)))
     accuracy.begin(0, STATE, _covariance() if covariance is None else covariance, NOISE)
     return accuracy
 
@@ -287,6 +291,41 @@ def test_a_rewind_without_a_correction_changes_nothing() -> None:
     rewound.catch_up(STATE, _standing(6.0))
     # the steps of the propagation end elsewhere
     np.testing.assert_allclose(rewound.covariance, plain.covariance, rtol=1e-6, atol=1e-20)
+
+
+def test_samples_that_turn_out_to_hide_errors() -> None:
+    """Known late, as if known at the time; a correction since then contains them."""
+    hidden = HiddenErrors(2 * NS, 4 * NS, np.array([0.0, 0.0, 1e-8]), np.array([1e-4, 0.0, 0.0]))
+    conditions = [ImuCondition(np.eye(3)) for _ in range(3)]
+    late, known, corrected = (_begun(condition=condition) for condition in conditions)
+    conditions[1].add(hidden)
+    late, known = _gone_on(late, 5.0), _gone_on(known, 5.0)
+    plain = late.covariance
+    conditions[0].add(hidden)
+    late.renew(_standing(5.0))
+    assert late.hidden == 1
+    np.testing.assert_allclose(late.covariance, known.covariance, rtol=1e-3, atol=1e-18)
+    grown = late.covariance - plain
+    assert grown[8, 8] == pytest.approx(2e-8, rel=0.01) and grown[3, 3] == pytest.approx(2e-4, rel=0.01)
+    corrected = _gone_on(corrected, 5.0)
+    corrected.rewind(4 * NS, STATE)
+    corrected.replace(_covariance())
+    corrected.catch_up(STATE, _standing(5.0))
+    before = corrected.covariance
+    conditions[2].add(hidden)
+    corrected.renew(_standing(5.0))
+    np.testing.assert_allclose(corrected.covariance, before, rtol=1e-6, atol=1e-20)
+
+
+def test_noise_learnt_too_large_is_unlearnt() -> None:
+    condition = ImuCondition(np.eye(3))
+    accuracy = _begun(condition=condition)
+    condition.noise_limits = 0.5 * NOISE[0], 1e-3 * NOISE[1]
+    _gone_on(accuracy, 1.0)
+    assert accuracy.white_noise == pytest.approx((math.sqrt(0.5) * NOISE[0], math.sqrt(20.0) * 1e-3 * NOISE[1]))
+    condition.noise_limits = math.inf, math.inf
+    _gone_on(accuracy, 2.0)
+    assert accuracy.white_noise[0] < NOISE[0]
 
 
 def test_a_correction_with_an_unknown_heading_opens_it() -> None:
