@@ -34,7 +34,8 @@ _LONGEST_NS = 4_000_000_000
 _CORRELATED = 5.0
 """s over which a motion that a frozen axis does not show lasts: its turn grows evenly within, as a walk beyond."""
 _MEMORY = 600
-"""Windows of which the largest motion counts as what a frozen axis may hide: a survey turns every few minutes."""
+"""Windows of which the largest motion counts as what a frozen or saturated axis may hide: a survey turns every few
+minutes."""
 _AXES = ("angular_velocity.x", ".y", ".z", "linear_acceleration.x", ".y", ".z")
 _SENSORS = ("angular_velocity", "linear_acceleration")
 
@@ -215,7 +216,9 @@ class ImuMonitor:
             found = saturation(values[:, axis])
             if found is not None:
                 variances = np.zeros(6)
-                variances[axis] = (found.error * interval) ** 2 / (window.samples * interval)
+                cut = (found.error * interval) ** 2 / (window.samples * interval)
+                swing = max(swings[axis // 3] for swings in self._swings)
+                variances[axis] = max(cut, 2.0 * _CORRELATED * swing**2 * found.share)
                 hidden.append(self._over_window(variances, stamp_ns))
                 text = (
                     f"{TOPIC}: {_axis(axis)} is saturated at {found.limit:.6g}, the sigmas grow: use a larger range of "

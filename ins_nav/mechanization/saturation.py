@@ -34,10 +34,13 @@ class Saturation(NamedTuple):
         Value at which it stops.
     error : float
         Sigma of the integral of what was cut off, in units of the value times samples.
+    share : float
+        Of the samples at the limit.
     """
 
     limit: float
     error: float
+    share: float
 
 
 def saturation(values: Array) -> Saturation | None:
@@ -67,4 +70,4 @@ def _flat(values: Array, sign: float) -> Saturation | None:
     if not len(flanks) or flanks.mean() < _STEEP * steps[steps > 0.0].min():
         return None
     heights = np.maximum(_PEAK * flanks.mean() * widths, _LEAST_PEAK * abs(top))
-    return Saturation(sign * top, float(heights @ widths))
+    return Saturation(sign * top, float(heights @ widths), float(widths.sum()) / len(values))

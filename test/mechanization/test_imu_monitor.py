@@ -87,13 +87,17 @@ def test_held_values() -> None:
 
 @pytest.mark.parametrize(("axis", "limit"), [(2, 0.25), (4, 1.5), (3, 1.0)])
 def test_saturation(axis: int, limit: float) -> None:
+    """What was cut off is within the sigma, whose turn or speed walks by what the axis showed before."""
     values = drive(1, resolution=1.0)
+    cut = values[7000:14000, axis] - np.clip(values[7000:14000, axis], -limit, limit)
     values[7000:14000, axis] = np.clip(values[7000:14000, axis], -limit, limit)
     monitored = Monitored(values)
     assert monitored.events.counts["saturated"] > 5
-    assert (
-        f"{'angular_velocity' if axis < 3 else 'linear_acceleration'}.{'xyz'[axis % 3]} is saturated" in monitored.text
-    )
+    sensor = "angular_velocity" if axis < 3 else "linear_acceleration"
+    assert f"{sensor}.{'xyz'[axis % 3]} is saturated at" in monitored.text
+    variances = [monitored.hidden_at(t)[axis // 3][axis % 3] for t in np.arange(70.5, 140.0)]
+    lost = np.abs(0.01 * np.cumsum(cut)[499::500])
+    assert (lost[2:] < 3.0 * np.sqrt(np.cumsum(variances)[4::5][2:])).all()
 
 
 @pytest.mark.parametrize("times", [10.0, 57.3])
