@@ -36,6 +36,8 @@ _CORRELATED = 5.0
 _MEMORY = 600
 """Windows of which the largest motion counts as what a frozen or saturated axis may hide: a survey turns every few
 minutes."""
+_OTHER_UNIT = 15.0
+"""Growth of the noise from which on values may be in another unit (57.3 from rad/s to deg/s), and motion is unknown."""
 _AXES = ("angular_velocity.x", ".y", ".z", "linear_acceleration.x", ".y", ".z")
 _SENSORS = ("angular_velocity", "linear_acceleration")
 
@@ -146,7 +148,8 @@ class ImuMonitor:
         variances = np.zeros(6)
         for triad, noise in enumerate((self._noise.gyro, self._noise.accel)):
             if noise.ratio > 1.0:
-                variances[3 * triad : 3 * triad + 3] = noise.excess
+                swing = 0.0 if noise.ratio < _OTHER_UNIT else self._swings[-1][triad]
+                variances[3 * triad : 3 * triad + 3] = max(noise.excess, 2.0 * _CORRELATED * swing**2)
                 text = (
                     f"{TOPIC}: noise of {_SENSORS[triad]} is {noise.ratio:.3g} times the largest before, the sigmas "
                     "grow with it: vibration, another unit, or a failing sensor"
