@@ -12,7 +12,9 @@ from ins_nav.aiding.base import NO_STATES, Observation
 from ins_nav.aiding.gnss import Gnss, GnssParameters
 from ins_nav.estimation.error_filter import ErrorFilter
 from ins_nav.estimation.error_model import Array, ErrorModel
-from ins_nav.estimation.observation import Update
+from ins_nav.estimation.fault_hypotheses import Verdict
+from ins_nav.estimation.filter_bank import FilterBank
+from ins_nav.estimation.observation import Measurement, Update
 from ins_nav.estimation.slow_state import SlowState
 from ins_nav.estimation.state_layout import COSINE, HEADING, SIZE
 from ins_nav.mechanization import nav_state, strapdown
@@ -81,6 +83,8 @@ class Run:
     gyro_bias: Sequence[float] = ZERO
     accel_bias: Sequence[float] = ZERO
     aids: dict[str, Sequence[SlowState]] | None = None
+    watched: bool = False
+    """The filter has others beside it that detect faults."""
 
     def __post_init__(self) -> None:
         rng = self.rng = np.random.default_rng(self.seed)
@@ -100,6 +104,9 @@ class Run:
         self.state = self.model.apply(-x, self.truth(0), ZERO, ZERO)[0]
         self.bias = (ZERO, ZERO)
         self.previous = tuple(self.samples[0])
+        self.bank = FilterBank(self.filter)
+        self.propagate = self.bank.propagate if self.watched else self.filter.propagate
+        self.verdicts: list[tuple[int, Verdict]] = []
 
     def truth(self, second: int) -> nav_state.NavState:
         p, i = self.path, second * round(RATE)
@@ -114,7 +121,7 @@ class Run:
         self.previous = tuple(chunk[-1])
         for i in range(step - 1, per, step):
             after = tuple(states[i].tolist())
-            self.filter.propagate(self.state, after, step / RATE)
+            self.propagate(self.state, after, step / RATE)
             self.state = after
 
     def gnss(self, second: int, stddev: float = 1.0, offset: Sequence[float] = (0.0, 0.0)) -> Update:
@@ -126,12 +133,23 @@ class Run:
         solution = self.filter.solution(self.state, tuple(self.previous[1:4]), self.bias[0])
         seen = Observation(0, "gnss", (*fix[:2], math.nan), stddev**2 * np.eye(3))
         measurement = Gnss(GnssParameters()).measure(solution, NO_STATES, seen)
-        update = self.filter.update("gnss", second * 10**9, measurement)
+        return self.update("gnss", second * 10**9, measurement)
+
+    def update(self, source: str, stamp_ns: int, measurement: Measurement) -> Update:
+        """Update and feed back."""
+        if self.watched:
+            update, verdict = self.bank.update(source, source, stamp_ns, measurement)
+            if verdict is not Verdict.NONE:
+                self.verdicts.append((round(stamp_ns * 1e-9), verdict))
+        else:
+            update = self.filter.update(source, stamp_ns, measurement)
         self.feed_back()
         return update
 
     def feed_back(self) -> None:
         self.state, *self.bias = self.filter.feed_back(self.state, *self.bias)
+        if self.watched:
+            self.bank.follow()
 
     def error(self, second: int) -> Array:
         """The true errors."""

@@ -56,6 +56,8 @@ from ins_nav.stamps import NS, stamp_of
 
 _POSITIVE_OUTLIERS = 0.9
 """A reflected ray is longer than the direct one; the other outliers are noise detected as a reply."""
+_LINEAR = 0.1
+"""Error of position, over the distance, up to which a range is linear in it: to half a percent of the distance."""
 _PLACE = (
     ("latitude_deg", "latitude of the beacon, deg", 90.0),
     ("longitude_deg", "longitude of the beacon", 360.0),
@@ -194,7 +196,6 @@ class AcousticRange(Aid[RangeParameters]):
     NAME = "range"
     TOPIC = "range/<beacon>"
     MESSAGE_TYPES = ("sensor_msgs/msg/Range",)
-    PATIENCE = 600.0
     TEXT = "slant range, m, to each of `range.beacons`; zero or outside `min_range` to `max_range`: rejected"
     PARAMETERS = RangeParameters
     SIMULATED = ("range", SimulatedRanges)
@@ -278,10 +279,6 @@ class AcousticRange(Aid[RangeParameters]):
             return self._range(solution, own, observation, away, covariance + spread)
         return self._gather(solution, own, observation, away, spread)
 
-    def patience(self, observation: Observation, accepted: bool, placed: bool) -> float:
-        """0 once position is known: a consistent contradiction is then an error of the beacon's place."""
-        return 0.0 if placed else self.PATIENCE
-
     def restart(self) -> None:
         self.search.restart()
 
@@ -342,7 +339,8 @@ class AcousticRange(Aid[RangeParameters]):
         if self.shares:
             direction: Array = np.array(rotate(solution.state[7:11], *row[POSITION].tolist()))
             columns = np.hstack([columns, self._beacon.columns(-direction, self._ago(observation))[None]])
-        return Measurement(z, row[None], r, POSITION, columns, (self.shares,) if self.shares else ())
+        shares = (self.shares,) if self.shares else ()
+        return Measurement(z, row[None], r, POSITION, columns, shares, _LINEAR * length)
 
     def _gather(
         self, solution: Solution, own: OwnStates, observation: Observation, away: Array, spread: Array

@@ -244,8 +244,6 @@ class Aid(ABC, Generic[P]):
     SIMULATED: ClassVar[tuple[str, type[Section]] | None] = None
     """Prefix and section of the parameters of its simulated readings."""
 
-    PATIENCE: ClassVar[float] = 60.0
-    """s without an accepted message after which 8 consistent rejected ones override the gate; 0: never."""
     GIVES_POSITION: ClassVar[bool] = False
     """Its first message is a place to align at; once it is accepted, position is known without other aids."""
     MAY_BE_SILENT: ClassVar[bool] = False
@@ -258,8 +256,6 @@ class Aid(ABC, Generic[P]):
     """Number of its first states that describe unit and mounting: they are kept when alignment restarts."""
     CALIBRATION: ClassVar[tuple[str, ...]] = ()
     """Names of the parameters that `calibration` gives."""
-    CHANGED: ClassVar[str] = "the error of the sensor has changed"
-    """Cause when messages that measure the aid's own states only are accepted after a row of rejected ones."""
 
     def __init__(self, parameters: P, name: str = "", topic: str = "") -> None:
         self.parameters = parameters
@@ -338,19 +334,6 @@ class Aid(ABC, Generic[P]):
         Unusable
             With a reason that is worth a report.
         """
-
-    def patience(self, observation: Observation, accepted: bool, placed: bool) -> float:
-        """`PATIENCE` for an observation, s; 0: never, infinite: only where the filter diverges.
-
-        Parameters
-        ----------
-        observation : Observation
-        accepted : bool
-            A measurement of this aid was accepted before.
-        placed : bool
-            A measurement of an aid of position was accepted before.
-        """
-        return self.PATIENCE
 
     def restart(self) -> None:
         """Reset what the aid keeps, together with its states in the filter."""

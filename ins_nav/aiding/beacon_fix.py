@@ -153,7 +153,6 @@ class BeaconFix(Aid[BeaconFixParameters]):
     SIMULATED = ("beacon", SimulatedBeacons)
     MAY_BE_SILENT = True
     KEEPS_LATEST = True
-    CHANGED = "the beacon has left its predicted track: is range.beacon_speed too small?"
 
     def __init__(self, beacon: Beacon, beacon_name: str, enabled: bool) -> None:
         name = fix_topic(beacon_name)

@@ -164,7 +164,6 @@ class Depth(DepthAid[DepthParameters]):
     NAME = "depth"
     TOPIC = "depth"
     MESSAGE_TYPES = ("geometry_msgs/msg/PoseWithCovarianceStamped",)
-    PATIENCE = 180.0
     TEXT = "`position.z = -depth`, m, its variance in `covariance[14]`"
     PARAMETERS = DepthParameters
     SIMULATED = ("depth", SimulatedDepth)

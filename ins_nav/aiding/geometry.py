@@ -58,5 +58,6 @@ def enu_covariance_on_n(state: nav_state.NavState, covariance: ArrayLike) -> Arr
 
 def first_rows(measurement: Measurement, count: int) -> Measurement:
     """A measurement of the first axes only."""
-    z, h, r, direct, own, shares = measurement
-    return Measurement(z[:count], h[:count], r[:count, :count], direct, None if own is None else own[:count], shares)
+    z, h, r, _, own, *_ = measurement
+    own = None if own is None else own[:count]
+    return measurement._replace(innovation=z[:count], h=h[:count], r=r[:count, :count], own=own)

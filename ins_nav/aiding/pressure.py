@@ -72,7 +72,6 @@ class Pressure(DepthAid[PressureParameters]):
     NAME = "pressure"
     TOPIC = "pressure"
     MESSAGE_TYPES = ("sensor_msgs/msg/FluidPressure",)
-    PATIENCE = 180.0
     TEXT = "Pa, absolute; `pressure.density`, `pressure.surface_pressure`, `depth.surface_height`"
     PARAMETERS = PressureParameters
     SIMULATED = ("pressure", SimulatedPressure)

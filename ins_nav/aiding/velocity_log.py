@@ -182,7 +182,6 @@ class VelocityLog(Aid[LogParameters]):
     NAME = "log"
     TOPIC = "log"
     MESSAGE_TYPES = ("geometry_msgs/msg/TwistWithCovarianceStamped",)
-    PATIENCE = 180.0
     TEXT = "m/s on the log's axes; NaN: not measured"
     PARAMETERS = LogParameters
     SIMULATED = ("log", SimulatedLog)
@@ -243,13 +242,10 @@ class VelocityLog(Aid[LogParameters]):
         if with_slow:
             columns = np.hstack([columns, np.eye(3)])
         r = observation.covariance[np.ix_(axes, axes)]
-        return Measurement(z[axes], h[axes], r, VELOCITY, columns[axes])
-
-    def patience(self, observation: Observation, accepted: bool, placed: bool) -> float:
-        """0 for zeros on every axis, infinite once accepted before: then a jump, too, is a loss of bottom."""
-        if not any(x for x in observation.value if math.isfinite(x)):
-            return 0.0
-        return math.inf if accepted else self.PATIENCE
+        measurement = Measurement(z[axes], h[axes], r, VELOCITY, columns[axes])
+        # zeros on every axis are what a log without bottom reports: no evidence against the solution
+        silent = not any(x for x in observation.value if math.isfinite(x))
+        return measurement._replace(valid_within=0.0) if silent else measurement
 
     def calibration(self, own: Sequence[tuple[float, float]]) -> dict[str, Value]:
         (scale, scale_stddev), (pitch, pitch_stddev), (yaw, yaw_stddev) = own[: self.CALIBRATED]

@@ -5,6 +5,7 @@ import math
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from ins_nav.errors import InsNavError, Interrupted, for_people
 from ins_nav.mechanization.replay_buffer import Entries
 from ins_nav.messages import diagnostics
 from ins_nav.messages.cdr import ImuSample, read_imu
+from ins_nav.messages.integrity import integrity
 from ins_nav.messages.solution import SolutionMessages, fill_bias
 from ins_nav.navigator.correction import NEVER_NS
 from ins_nav.navigator.system import NavigationSystem, ScheduledCalls
@@ -31,6 +33,7 @@ from ins_nav.recordings.bags import (
 from ins_nav.stamps import set_stamp
 
 _IMU, _DIAGNOSTICS = "sensor_msgs/msg/Imu", "diagnostic_msgs/msg/DiagnosticArray"
+_STATUS = "diagnostic_msgs/msg/DiagnosticStatus"
 _BOOL = "std_msgs/msg/Bool"
 _SECOND = 1_000_000_000
 _IMU_TOPIC = "/imu/data_raw"
@@ -40,6 +43,17 @@ Inputs = dict[str, tuple[str, ...]]
 """Topics that are read, with their types."""
 NODES = ("ins_node", "stop_detector_node", "alignment_node")
 """Nodes whose work is done here by default, as in `ins_system`; that of the first always is."""
+
+
+def _status(subject: str, level: int, text: str, values: dict[str, str]) -> Any:
+    return message(
+        _STATUS,
+        level=level,
+        name=f"ins_process: {subject}",
+        message=text,
+        hardware_id="imu",
+        values=[message("diagnostic_msgs/msg/KeyValue", key=key, value=value) for key, value in values.items()],
+    )
 
 
 class Recorder:
@@ -61,6 +75,8 @@ class Recorder:
         writer.add_topic("imu/bias", _IMU, latched=True)
         writer.add_topic("stopped", _BOOL, latched=True)
         writer.add_topic("diagnostics", _DIAGNOSTICS)
+        if aided:
+            writer.add_topic("integrity", _STATUS)
 
     def stopped(self, value: bool) -> None:
         """Record whether the vehicle is stopped."""
@@ -93,18 +109,11 @@ class Recorder:
         statuses = {"navigation": diagnostics.diagnostics(self._navigator, self._system.services.solved)}
         if self._aided:
             statuses["alignment"] = diagnostics.alignment_diagnostics(self._system.delayed)
-        status = [
-            message(
-                "diagnostic_msgs/msg/DiagnosticStatus",
-                level=level,
-                name=f"ins_process: {subject}",
-                message=text,
-                hardware_id="imu",
-                values=[message("diagnostic_msgs/msg/KeyValue", key=key, value=value) for key, value in values.items()],
-            )
-            for subject, (level, text, values) in statuses.items()
-        ]
+        status = [_status(subject, *values) for subject, values in statuses.items()]
         array = message(_DIAGNOSTICS, header=header(stamp_ns, ""), status=status)
+        if self._aided:
+            found = _status("alignment", *integrity(self._system.delayed))
+            self._writer.write("integrity", _STATUS, found, stamp_ns)
         self._writer.write("diagnostics", _DIAGNOSTICS, array, stamp_ns)
 
 

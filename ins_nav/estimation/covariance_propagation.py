@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 from ins_nav.config.configuration import Configuration
 from ins_nav.estimation.error_filter import ErrorFilter
 from ins_nav.estimation.error_model import Array, ErrorModel, rotation_matrix
+from ins_nav.estimation.filter_bank import FilterBank
 from ins_nav.estimation.imu_error import ImuErrors
 from ins_nav.estimation.slow_state import SlowState
 from ins_nav.estimation.state_layout import (
@@ -120,13 +121,18 @@ def covariance_of(error_filter: ErrorFilter) -> Array:
 
 
 def propagate(
-    error_filter: ErrorFilter, condition: ImuCondition, before: NavState, after: NavState, begin_ns: int, end_ns: int
+    error_filter: ErrorFilter | FilterBank,
+    condition: ImuCondition,
+    before: NavState,
+    after: NavState,
+    begin_ns: int,
+    end_ns: int,
 ) -> None:
     """Propagate a filter from one state of the mechanization to the next, with what the samples between may hide.
 
     Parameters
     ----------
-    error_filter : ErrorFilter
+    error_filter : ErrorFilter or FilterBank
     condition : ImuCondition
     before, after : NavState
         With no correction between them.
@@ -141,12 +147,12 @@ def propagate(
         widen(error_filter, after, *hidden, duration)
 
 
-def widen(error_filter: ErrorFilter, state: NavState, turn: Array, speed: Array, duration: float) -> None:
+def widen(error_filter: ErrorFilter | FilterBank, state: NavState, turn: Array, speed: Array, duration: float) -> None:
     """Add errors on the body's axes.
 
     Parameters
     ----------
-    error_filter : ErrorFilter
+    error_filter : ErrorFilter or FilterBank
     state : NavState
         At present.
     turn, speed : ndarray, shape (3,)

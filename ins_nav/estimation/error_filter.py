@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ins_nav.estimation.error_model import Array, ErrorModel, Vector, rotation_matrix
-from ins_nav.estimation.innovation_gate import GATE, PATIENCE, Track, limit, line
+from ins_nav.estimation.innovation_gate import GATE, NoiseEstimate, limit, square
 from ins_nav.estimation.observation import Measurement, Solution, Update
 from ins_nav.estimation.slow_state import SlowState
 from ins_nav.estimation.state_layout import (
@@ -70,6 +70,10 @@ class ErrorFilter:
         Covariance.
     values : ndarray, shape (n,)
         Of slow states: what was fed back since the start.
+    fed_back : ndarray, shape (n,)
+        By the last `feed_back`.
+    disturbance : ndarray, shape (n,), or None
+        Intensities of white noise beside that of the model, unit²/s.
     """
 
     def __init__(
@@ -104,7 +108,9 @@ class ErrorFilter:
         self._own_rate: Array = np.array([1.0 / s.correlation_time for s in own])
         self._integrals = [(i, i + s.derivative) for i, s in enumerate(own) if s.derivative]
         self._relaxes = bool(self._integrals) or any(math.isfinite(s.correlation_time) for s in (*model.slow, *own))
-        self._tracks: dict[str, Track] = {}
+        self._noise: dict[str, NoiseEstimate] = {}
+        self.fed_back: Array = np.zeros(size)
+        self.disturbance: Array | None = None
 
     @property
     def imu_errors(self) -> Array:
@@ -166,7 +172,25 @@ class ErrorFilter:
         """
         travels = self.travels(after)
         core = self.model.transition(before, after, duration, travels)
-        half = self.model.noise(before, after, 0.5 * duration)
+        self.grow(core, self.model.noise(before, after, 0.5 * duration), after, duration, travels)
+
+    def grow(self, core: Array, half: Array, after: NavState, duration: float, travels: bool) -> None:
+        """Propagate with matrices of the model, which filters of the same solution share.
+
+        Parameters
+        ----------
+        core, half : ndarray, shape (model.size, model.size)
+            Transition matrix, and covariance of the noise of half the interval; both are left as they are.
+        after : NavState
+        duration : float
+            s.
+        travels : bool
+            As of `ErrorModel.transition`.
+        """
+        half = half.copy()
+        if self.disturbance is not None:
+            common = self.disturbance[: len(half)]
+            np.einsum("ii->i", half)[:] += 0.5 * duration * common
         # turns with heading and is not in the matrix: surge, or the error of travel
         variance = self.p.diagonal()[HORIZONTAL_VELOCITY].sum()
         left = variance if travels else max(0.0, after[4] ** 2 + after[5] ** 2 - variance)
@@ -206,18 +230,12 @@ class ErrorFilter:
             phi[i, j] = (1.0 - decay[j]) / rate if rate > 0.0 else duration
         return phi
 
-    def update(
-        self, aid: str, stamp_ns: int, measurement: Measurement, gate: float = GATE, patience: float = PATIENCE
-    ) -> Update:
-        """Update with a measurement of the present state.
+    def noise_factor(self, aid: str, size: int) -> float:
+        """By how much the variance of an aid's measurements of that size is too small, by their innovations."""
+        return self._noise.get(aid, NoiseEstimate()).factor(size)
 
-        A measurement above the gate is rejected. When the last `AGREEING` measurements of an aid were all rejected and
-        agree with each other, and no measurement was accepted for ``patience``, the filter is wrong, not the aid: the
-        covariance of the measured states (and of their rate of change, when that differs too) grows until the
-        measurement fits. Correlations are not scaled, so that a jump of position corrects position only. Reflected
-        satellite signals agree with each other for half a minute, so ``patience`` is longer; after an outage it has
-        expired already. The same applies once the sigma of the measured states has grown far, where the first rejected
-        measurement was just outside the gate: then the filter has diverged.
+    def update(self, aid: str, stamp_ns: int, measurement: Measurement, gate: float = GATE) -> Update:
+        """Update with a measurement of the present state, unless it is above the gate.
 
         The variance of an aid whose normalized squares have too large a median is scaled by it. Only measurements
         within the gate count: those outside are outliers or jumps, not noise.
@@ -230,56 +248,75 @@ class ErrorFilter:
         measurement : Measurement
         gate : float
             Probability of rejecting a consistent measurement.
-        patience : float
-            s; 0: never accepted against the filter; infinite: only where the filter has diverged.
 
         Returns
         -------
         Update
         """
-        innovation, h_core, r, direct, h_own, shares = measurement
-        if not (np.isfinite(innovation).all() and np.isfinite(r).all() and np.isfinite(h_core).all()):
-            nothing = (math.nan,) * len(innovation)
+        found = self.examine(aid, stamp_ns, measurement, gate)
+        if found.accepted:
+            size = len(measurement.innovation)
+            h, r = self.design(aid, measurement), found.noise_factor * measurement.r
+            residual = np.array(found.innovation)
+            plain = square(residual, h @ self.p @ h.T + measurement.r)
+            self._noise = self._noise | {aid: self._noise.get(aid, NoiseEstimate()).including(plain, size)}
+            self.correct(h, r, residual)
+        return found
+
+    def examine(
+        self,
+        aid: str,
+        stamp_ns: int,
+        measurement: Measurement,
+        gate: float = GATE,
+        accepted: bool | None = None,
+        reason: str = "",
+    ) -> Update:
+        """The record of a measurement, as of `update`, without an update.
+
+        Parameters
+        ----------
+        accepted : bool, optional
+            Decided otherwise than by the gate, for that reason.
+        """
+        innovation, size = measurement.innovation, len(measurement.innovation)
+        if not measurement.finite:
+            nothing = (math.nan,) * size
             return Update(aid, stamp_ns, tuple(innovation.tolist()), nothing, math.nan, False, "not a number")
-        track = self._tracks.get(aid, Track())
-        factor = track.noise_factor(len(innovation))
-        if direct is None:
-            direct = self.layout[aid]
-        size = len(self.x)
-        h = h_core
-        if size > SIZE:
-            h = np.zeros((len(innovation), size))
-            h[:, :SIZE] = h_core
-            if h_own is not None:
-                h[:, self.layout.columns(aid, *shares)] = h_own
+        factor = self.noise_factor(aid, size)
+        h = self.design(aid, measurement)
         residual = innovation - h @ self.x
-        ph = self.p @ h.T
-        predicted = h @ ph
-        plain = _square(residual, predicted + r)
-        r = factor * r
-        s = predicted + r
-        inverse = np.linalg.inv(s)
-        square = _square(residual, s)
+        s = h @ self.p @ h.T + factor * measurement.r
         sigma = tuple(math.sqrt(v) for v in s.diagonal().tolist())
-        ratio = square / limit(len(residual), gate)
-        reason = ""
-        # with patience 0 the gate alone decides
-        repeats = patience > 0.0 and track.repeats(residual, r)
-        if repeats or not ratio <= 1.0:  # above, or too large to be a number
-            track = track.rejecting(stamp_ns, residual, ratio)
-            if not track.is_consistent(r, float(predicted.trace()), patience) or not self._widen(track, h, r, direct):
-                self._tracks = self._tracks | {aid: track}
-                reason = "repeats rejected measurements" if ratio <= 1.0 else "outside the gate"
-                return Update(aid, stamp_ns, tuple(residual.tolist()), sigma, ratio, False, reason, factor)
-            reason = f"after {len(track.rejected)} consistent rejected ones"
-            ph = self.p @ h.T
-            inverse = np.linalg.inv(h @ ph + r)
-        else:
-            track = track.with_square(plain, len(residual))
-        self._correct(ph @ inverse, h, r, residual)
-        track = track.accepting(stamp_ns, float((h @ self.p @ h.T).trace()))
-        self._tracks = self._tracks | {aid: track}
-        return Update(aid, stamp_ns, tuple(residual.tolist()), sigma, ratio, True, reason, factor)
+        ratio = square(residual, s) / limit(size, gate)
+        if accepted is None:
+            accepted = ratio <= 1.0  # not above, nor too large to be a number
+            reason = "" if accepted else "outside the gate"
+        return Update(aid, stamp_ns, tuple(residual.tolist()), sigma, ratio, accepted, reason, factor)
+
+    def design(self, aid: str, measurement: Measurement) -> Array:
+        """Jacobian of an aid's measurement by all states, shape (m, n)."""
+        h_core, h_own, shares = measurement.h, measurement.own, measurement.shares
+        if len(self.x) == SIZE:
+            return h_core
+        h: Array = np.zeros((len(h_core), len(self.x)))
+        h[:, :SIZE] = h_core
+        if h_own is not None:
+            h[:, self.layout.columns(aid, *shares)] = h_own
+        return h
+
+    def correct(self, h: Array, r: Array, residual: Array) -> None:
+        """Update with a residual, without a gate.
+
+        Parameters
+        ----------
+        h : ndarray, shape (m, n)
+        r : ndarray, shape (m, m)
+            Covariance of its noise.
+        residual : ndarray, shape (m,)
+        """
+        ph = self.p @ h.T
+        self._correct(ph @ np.linalg.inv(h @ ph + r), h, r, residual)
 
     def _correct(self, gain: Array, h: Array, r: Array, residual: Array) -> None:
         """Joseph's form, valid for any gain: that of considered states is zero."""
@@ -289,18 +326,6 @@ class ErrorFilter:
         np.einsum("ii->i", left)[:] += 1.0
         p = left @ self.p @ left.T + gain @ r @ gain.T
         self.p = 0.5 * (p + p.T)
-
-    def _widen(self, track: Track, h: Array, r: Array, direct: slice) -> bool:
-        """Increase the covariance until the last measurement fits; whether that is possible."""
-        p = self.p.copy()
-        if not _grow(p, direct, h[:, direct], track.rejected[-1][1], h @ p @ h.T + r):
-            return False
-        if direct == POSITION:
-            slope, variance, _ = line(track.rejected)
-            ahead = h[:, direct] @ p[VELOCITY, VELOCITY] @ h[:, direct].T + variance * r
-            _grow(p, VELOCITY, h[:, direct], slope, ahead)
-        self.p = p
-        return True
 
     def admit(self, measurement: Measurement) -> bool:
         """Widen what a measurement outside the gate measures until it fits; whether that was necessary.
@@ -313,7 +338,7 @@ class ErrorFilter:
         h = np.zeros((len(innovation), len(self.x)))
         h[:, :SIZE] = h_core
         residual, predicted = innovation - h @ self.x, h @ self.p @ h.T + r
-        if _square(residual, predicted) <= limit(len(residual), GATE):
+        if square(residual, predicted) <= limit(len(residual), GATE):
             return False
         p = self.p.copy()
         if not _grow(p, direct, h[:, direct], residual, predicted):
@@ -346,26 +371,62 @@ class ErrorFilter:
             x = x.copy()
             x[HEADING], x[COSINE] = math.sin(angle), 1.0 - math.cos(angle)
         corrected = self.model.apply(x, state, gyro_bias, accel_bias)
-        tilt_x, tilt_y = x[TILT].tolist()
-        c, s, length = _unit(x)
-        back = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
-        turn: Array = np.eye(len(x))
-        turn[VELOCITY, VELOCITY] = back @ rotation_matrix(from_rotation_vector(-tilt_x, -tilt_y, 0.0))
-        turn[TILT, TILT] = back[:2, :2]
-        if open_heading:
-            turn[HEADING, HEADING], turn[HEADING, COSINE] = c, s
-            turn[COSINE, HEADING], turn[COSINE, COSINE] = -s, c
+        turn = _change_of_axes(x, open_heading)
         p = turn @ self.p @ turn.T
         self.values = self.values - x
+        self.fed_back = x
+        length = _unit(x)[2]
         self.x = np.zeros_like(x)
         if close:
             p[COSINE, :] = p[:, COSINE] = 0.0
         elif open_heading:
             self.x[COSINE] = 1.0 - length
+        self._set_covariance(p)
+        return corrected
+
+    def follow(self, fed_back: Array) -> None:
+        """Change to the solution that another filter of the same layout has corrected.
+
+        Parameters
+        ----------
+        fed_back : ndarray, shape (n,)
+            The other's `fed_back`.
+        """
+        open_heading = bool(self.p[COSINE, COSINE] > 0.0)
+        if open_heading and self._join_heading():
+            open_heading = False
+            sine, cosine = float(self.x[HEADING]), 1.0 - float(self.x[COSINE])
+            self.x = self.x.copy()
+            self.x[HEADING], self.x[COSINE] = math.atan2(sine, cosine), 0.0
+            self.p[COSINE, :] = self.p[:, COSINE] = 0.0
+        turn = _change_of_axes(fed_back, open_heading)
+        if open_heading:  # sine and cosine turn, rather than being subtracted
+            c, s, _ = _unit(fed_back)
+            sine, cosine = float(self.x[HEADING]), 1.0 - float(self.x[COSINE])
+            heading, left = c * sine - s * cosine, 1.0 - (c * cosine + s * sine)
+        else:
+            heading, left = float(self.x[HEADING]) - math.atan2(fed_back[HEADING], 1.0 - fed_back[COSINE]), 0.0
+        self.x = turn @ (self.x - fed_back)
+        self.x[HEADING], self.x[COSINE] = heading, left
+        self.values = self.values - fed_back
+        self._set_covariance(turn @ self.p @ turn.T)
+
+    def _set_covariance(self, p: Array) -> None:
         if not self.model.vertical:
             p[VERTICAL_VELOCITY, :] = p[:, VERTICAL_VELOCITY] = 0.0
         self.p = 0.5 * (p + p.T)
-        return corrected
+
+    def forget_heading(self) -> None:
+        """Heading is unknown from here on; a measurement before the next propagation may be of the angle."""
+        p, x = self.p.copy(), self.x.copy()
+        p[HEADING, :] = p[:, HEADING] = p[COSINE, :] = p[:, COSINE] = 0.0
+        p[HEADING, HEADING] = math.pi**2
+        is_open = bool(self.p[COSINE, COSINE] > 0.0)
+        if is_open:
+            x[HEADING] = x[COSINE] = 0.0
+        self.p, self.x = p, x
+        if is_open:
+            self._open_heading()
 
     def _open_heading(self) -> None:
         """Model an unknown heading error by its sine and cosine, with the moments of a normal angle."""
@@ -395,18 +456,25 @@ class ErrorFilter:
         return True
 
 
-def _square(residual: Array, covariance: Array) -> float:
-    """Squared Mahalanobis distance; infinite, never negative, where it overflows."""
-    scale = max(1.0, float(np.abs(residual).max()))
-    unit = residual / scale
-    return float(unit @ np.linalg.solve(covariance, unit)) * scale * scale
-
-
 def _unit(x: Array) -> tuple[float, float, float]:
     """Cosine and sine of the heading error, and the length of the two as estimated."""
     sine, cosine = float(x[HEADING]), 1.0 - float(x[COSINE])
     length = math.hypot(sine, cosine)
     return cosine / length, sine / length, length
+
+
+def _change_of_axes(x: Array, open_heading: bool) -> Array:
+    """Matrix by which the errors change when a solution is corrected by ``x``, and its axes with it."""
+    tilt_x, tilt_y = x[TILT].tolist()
+    c, s, _ = _unit(x)
+    back = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+    turn: Array = np.eye(len(x))
+    turn[VELOCITY, VELOCITY] = back @ rotation_matrix(from_rotation_vector(-tilt_x, -tilt_y, 0.0))
+    turn[TILT, TILT] = back[:2, :2]
+    if open_heading:
+        turn[HEADING, HEADING], turn[HEADING, COSINE] = c, s
+        turn[COSINE, HEADING], turn[COSINE, COSINE] = -s, c
+    return turn
 
 
 def _grow(p: Array, states: slice, h: Array, misfit: Array, predicted: Array) -> bool:

@@ -1,5 +1,6 @@
 """Data between aids and the filter: solution, measurement, and the record of an update."""
 
+import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -29,6 +30,13 @@ class Measurement(NamedTuple):
     """(m, k): columns of the aid's states, then of those of other aids, in the order of ``shares``."""
     shares: tuple[str, ...] = ()
     """Other aids whose states it depends on."""
+    valid_within: float = math.inf
+    """m: sigma of position up to which it may be applied to another solution than the present one."""
+
+    @property
+    def finite(self) -> bool:
+        """Whether all its numbers are."""
+        return bool(np.isfinite(self.innovation).all() and np.isfinite(self.r).all() and np.isfinite(self.h).all())
 
 
 class Solution(NamedTuple):

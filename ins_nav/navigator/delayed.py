@@ -27,7 +27,8 @@ from ins_nav.config.parameters import Value
 from ins_nav.estimation import covariance_propagation
 from ins_nav.estimation.error_filter import ErrorFilter
 from ins_nav.estimation.error_model import Vector
-from ins_nav.estimation.innovation_gate import GATE, PATIENCE
+from ins_nav.estimation.filter_bank import FilterBank
+from ins_nav.estimation.innovation_gate import GATE
 from ins_nav.estimation.observation import Measurement
 from ins_nav.estimation.state_layout import BIASES, HEADING
 from ins_nav.event_log import INFO, WARN, EventLog
@@ -36,6 +37,7 @@ from ins_nav.mechanization.nav_state import NavState
 from ins_nav.mechanization.strapdown import NO_COMPENSATION, Compensation, Sample, compensated, sample_of, without_bias
 from ins_nav.navigator.correction import NEVER_NS, Correction
 from ins_nav.navigator.front_end import Aligned, Biases, FrontEnd, Phase
+from ins_nav.navigator.update_report import report_contradictions, report_update
 from ins_nav.stop_detection.detector import Change
 from ins_nav.zupt.measurements import StopCalibration
 from ins_nav.zupt.stationary_updates import SETTLE_NS, StationaryUpdates
@@ -90,7 +92,6 @@ class DelayedNavigator:
         self._calibrated: dict[str, list[tuple[float, float]]] = {}
         self._noise = _TYPICAL_NOISE
         self._restarts = -1
-        self._placed = False
         self.filter: ErrorFilter | None = None
         self.state: NavState | None = None
         self.records: dict[str, Record] = {}
@@ -107,7 +108,6 @@ class DelayedNavigator:
             self._calibrated[aid.name] = self.own_states(aid.name)[: aid.CALIBRATED]
         if restarted:
             self._calibrated.clear()
-            self._placed = False
         self.filter = self.state = None
         self.settled_ns = self._began_ns = 0
         self.gyro_bias, self.accel_bias, _ = self.front_end.biases
@@ -115,6 +115,7 @@ class DelayedNavigator:
         self.records = {}
         self._out: list[Correction] = []
         self._last_ns: dict[str, int] = {}
+        self._last_value: dict[str, tuple[float, ...]] = {}
         self._filtered_ns = self._emitted_ns = self._aided_ns = 0
         self._aligned = False
         self._fine_before = 0.0
@@ -202,7 +203,6 @@ class DelayedNavigator:
         if row < recent.oldest or recent.stamps[row] != solution.stamp_ns:
             return False
         self.gyro_bias, self.accel_bias = solution.gyro_bias, solution.accel_bias
-        self._placed = True
         raw, errors = sample_of(recent.arrays[0][row]), solution.imu_errors
         self._start(solution.stamp_ns, solution.state, raw, solution.covariance, solution.aligned, errors)
         return True
@@ -232,6 +232,7 @@ class DelayedNavigator:
             kept = [replace(s, value=x, stddev=stddev) for s, (x, stddev) in zip(own[name], found, strict=False)]
             own[name] = (*kept, *own[name][len(kept) :])
         self.filter = covariance_propagation.filter_of(model, covariance, own)
+        self.bank = FilterBank(self.filter)
         size = model.imu_errors.size
         self._imu_errors_before = np.array(errors) if len(errors) == size else np.zeros(size)
         self._correction = model.imu_errors.correction(self._imu_errors_before)
@@ -298,14 +299,14 @@ class DelayedNavigator:
             assert self.filter is not None and self.state is not None
             self._propagate()
             turn, speed = (np.square(error) * (time / gap) for error in errors)
-            covariance_propagation.widen(self.filter, self.state, turn, speed, time)
+            covariance_propagation.widen(self.bank, self.state, turn, speed, time)
 
     def _propagate(self) -> None:
         """Propagate the covariance to the present state."""
         if self.settled_ns > self._filtered_ns:
             assert self.filter is not None and self.state is not None
             stamps = self._filtered_ns, self.settled_ns
-            covariance_propagation.propagate(self.filter, self.front_end.condition, self._filtered, self.state, *stamps)
+            covariance_propagation.propagate(self.bank, self.front_end.condition, self._filtered, self.state, *stamps)
             self._filtered, self._filtered_ns = self.state, self.settled_ns
 
     def _rate(self, after: float, raw: Sample, following: Sample | None) -> Vector:
@@ -354,10 +355,10 @@ class DelayedNavigator:
             self.events.count(f"{aid.name} {reason.kind}", reason.level, text, observation.stamp_ns)
             return
         if measurement is not None:
-            record = self._record(aid.name)
-            patience = aid.patience(observation, record.accepted > 0, self._placed)
-            accepted = self._update(aid.name, now_ns, measurement, aid.parameters.gate, patience)
-            self._placed = self._placed or (aid.GIVES_POSITION and accepted)
+            if self._last_value.get(aid.name) == observation.value:  # a frozen sensor is no evidence
+                measurement = measurement._replace(valid_within=0.0)
+            self._last_value[aid.name] = observation.value
+            accepted = self._update(aid.name, now_ns, measurement, aid.parameters.gate)
             if accepted and measurement.direct is not None:
                 self._aided_ns = now_ns
 
@@ -375,36 +376,28 @@ class DelayedNavigator:
                 self.events.count("stops contradict the filter", WARN, text, self.settled_ns)
             self._update(name, self.settled_ns, measurement)
 
-    def _update(
-        self, name: str, stamp_ns: int, measurement: Measurement, gate: float = GATE, patience: float = PATIENCE
-    ) -> bool:
+    def _update(self, name: str, stamp_ns: int, measurement: Measurement, gate: float = GATE) -> bool:
         """Update the filter, correct the solution; whether the measurement was accepted."""
-        assert self.filter is not None and self.state is not None
-        update = self.filter.update(name, stamp_ns, measurement, gate, patience)
-        self.records.setdefault(name, Record()).count(update)
         aid = self._aids.get(name)  # none for a measurement at a stop
-        topic = name if aid is None else aid.topic
-        if not update.accepted:
-            size = max(map(abs, update.innovation))
-            text = f"{topic}: {update.reason}: off by {size:.3g}, test ratio {update.test_ratio:.1f}"
-            self.events.count(f"{name} rejected", INFO, text, stamp_ns)
-            return False
-        if update.reason:
-            text = f"{topic}: accepted {update.reason} (test ratio {update.test_ratio:.1f}): "
-            if measurement.direct is not None:
-                text += "the solution was wrong by more than its sigma"
-            elif aid is not None:
-                text += aid.CHANGED
-            self.events.report(WARN, text)
+        source, topic = ("stops", name) if aid is None else (name, aid.topic)
+        update, verdict = self.bank.update(source, name, stamp_ns, measurement, gate)
+        self.records.setdefault(name, Record()).count(update)
+        report_update(self.events, self.bank, topic, source, update, verdict)
+        if update.accepted or verdict.replaced:
+            self._feed_back()
+        return update.accepted
+
+    def _feed_back(self) -> None:
+        assert self.filter is not None and self.state is not None
         before, bias = self.state, self.gyro_bias
         self.state, self.gyro_bias, self.accel_bias = self.filter.feed_back(before, bias, self.accel_bias)
+        self.bank.follow()
         self._correction = self.filter.model.imu_errors.correction(self.imu_errors)
         self._filtered = self.state
         self._news = True
         self._stationary.corrected(before, self.state, np.subtract(self.gyro_bias, bias))
         for other in self._aids.values():
             other.corrected(before, self.state)
-        return True
 
     # --- what goes out
 
@@ -424,6 +417,7 @@ class DelayedNavigator:
         if since < (_EMIT_NS if self._news else 2 * _EMIT_NS) or not (self._news or self._aids):
             return
         assert self.filter is not None and self.state is not None
+        report_contradictions(self.events, self.bank, self.settled_ns)
         self._emitted_ns, self._news = self.settled_ns, False
         apply_ns, biases = self.front_end.stamp_ns + self._apply_ns, (self.gyro_bias, self.accel_bias)
         covariance = covariance_propagation.covariance_of(self.filter)

@@ -253,6 +253,14 @@ class NavigationSystem:
         """Present phase."""
         return self.realtime.phase
 
+    @property
+    def protection_levels(self) -> tuple[float, float, float] | None:
+        """Of horizontal position and height, m, and heading, rad, of the filter's solution; None without one."""
+        if self.delayed.filter is None:
+            return None
+        level = self.delayed.bank.protection_level()
+        return level.horizontal, level.height, level.heading
+
     def solution(self) -> tuple[Correction, int] | None:
         """The present solution for a filter that starts later, and the stamp at which alignment ended."""
         solution = self.realtime.solution()

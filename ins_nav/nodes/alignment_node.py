@@ -8,6 +8,7 @@ import sys
 from functools import partial
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Empty, Float64MultiArray, Header
@@ -17,6 +18,7 @@ from ins_nav.errors import for_people
 from ins_nav.mechanization import strapdown
 from ins_nav.messages import correction_codec, diagnostics
 from ins_nav.messages.cdr import ImuSample
+from ins_nav.messages.integrity import integrity
 from ins_nav.messages.named_numbers import received
 from ins_nav.navigator.system import FilterSystem, NavigationSystem
 from ins_nav.nodes import parameters, runtime
@@ -42,6 +44,7 @@ class AlignmentNode(Node):
         self._shared = shared
         configuration = parameters.declare(self)
         self._reporter = Reporter(self, "alignment")
+        self._integrity = self.create_publisher(DiagnosticStatus, "integrity", 10)
         self._system: FilterSystem | NavigationSystem | None = None
         self._aids = AidSubscriptions(self, create_aids(configuration.values).values(), self._on_aid)
         self.create_timer(1.0, self._on_timer)
@@ -109,6 +112,7 @@ class AlignmentNode(Node):
                 self._reporter.log(system.events)
             silent_for = self._reporter.silent_for(system.front_end.stream.received)
             self._reporter.publish(*diagnostics.alignment_diagnostics(system.delayed, silent_for))
+            self._integrity.publish(self._reporter.status(*integrity(system.delayed)))
 
 
 @for_people("alignment_node")

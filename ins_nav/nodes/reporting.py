@@ -44,15 +44,18 @@ class Reporter:
             self._last_received = (received, now)
         return now - self._last_received[1]
 
-    def publish(self, level: int, text: str, values: dict[str, str]) -> None:
-        """Publish the status: level 0 OK, 1 warning, 2 error."""
-        status = DiagnosticStatus(
+    def status(self, level: int, text: str, values: dict[str, str]) -> DiagnosticStatus:
+        """A status: level 0 OK, 1 warning, 2 error."""
+        return DiagnosticStatus(
             level=_LEVELS[level],
             name=self._name,
             message=text,
             hardware_id="imu",
             values=[KeyValue(key=key, value=value) for key, value in values.items()],
         )
-        array = DiagnosticArray(status=[status])
+
+    def publish(self, level: int, text: str, values: dict[str, str]) -> None:
+        """Publish the status: level 0 OK, 1 warning, 2 error."""
+        array = DiagnosticArray(status=[self.status(level, text, values)])
         array.header.stamp = self._node.get_clock().now().to_msg()
         self._publisher.publish(array)

@@ -129,12 +129,6 @@ def test_range_of_two_ways_is_of_the_middle_of_its_time() -> None:
         assert isinstance(found, AcousticRange) and found.observe(message).stamp_ns == stamp_ns
 
 
-def test_ranges_never_override_a_known_position() -> None:
-    found = aids_of({"range.beacons": "a"})["range/a"]
-    assert found.patience(observed("range/a", 5.0), True, False) == 600.0
-    assert found.patience(observed("range/a", 5.0), True, True) == 0.0
-
-
 def test_truth_has_no_innovation() -> None:
     beacon = LAT + 3e-5, LON - 2e-5, -80.0
     distance = float(np.linalg.norm(point(flight()[1]) - earth.geodetic_to_ecef(*beacon)))

@@ -42,14 +42,13 @@ def test_log_uses_the_measured_axes() -> None:
     assert seen is not None and np.abs(seen.innovation).max() < 1e-12
 
 
-def test_patience_of_a_log() -> None:
-    """Zeros never override the gate; a log accepted before does so only where the filter diverges."""
+def test_zeros_are_no_evidence_against_the_solution() -> None:
+    """A log without bottom reports zeros on every axis."""
     found = aids_of()["log"]
-    for zeros in ((0.0, NAN, NAN), (0.0, 0.0, 0.0)):
-        assert found.patience(observed("log", *zeros), False, False) == 0.0
-    moving = observed("log", 0.0, 0.1, NAN)
-    assert found.patience(moving, False, True) == 180.0
-    assert found.patience(moving, True, False) == math.inf
+    for zeros in ((0.0, NAN, NAN), (0.0, 0.0, 0.0), (0.0, 0.1, NAN)):
+        measurement = found.measure(SOLUTION, own_of(0.0, 0.0, 0.0), observed("log", *zeros))
+        assert measurement is not None
+        assert measurement.valid_within == (math.inf if 0.1 in zeros else 0.0)
 
 
 def test_truth_has_no_innovation() -> None:

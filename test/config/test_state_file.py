@@ -105,7 +105,8 @@ def test_a_start_reads_the_saved_values(tmp_path: Path) -> None:
     assert next(report.text for report in first.events.drain()) == (
         f"state_file {path} does not exist yet: ins_node/save writes it"
     )
-    first.realtime.gyro_bias = (1e-6, 0.0, 0.0)
+    realtime = first.realtime
+    realtime._compensate((1e-6, 0.0, 0.0), realtime.accel_bias, ())
     first.calibration = LOG.calibration([(0.01, 1e-4), (0.0, 1e-3), (0.0, 1e-3)])
     done, text = first.save()
     assert done and text == (

@@ -5,7 +5,7 @@ import re
 
 import numpy as np
 import pytest
-from underwater_harness import ALIGNED, DIVE, NS, Event, Fed, greatest, messages, mission, off, plain_dive, run
+from underwater_harness import ALIGNED, DIVE, NS, Event, Fed, greatest, messages, mission, plain_dive, run
 
 from ins_nav.mechanization import earth
 from ins_nav.messages import diagnostics
@@ -56,7 +56,9 @@ def test_a_faulty_gauge_is_reported_and_rejected(offset: float) -> None:
     fed, events, middle = Fed(s), messages(s), s.start_ns + 415 * NS
     fed.feed([event for event in events if event[0] < middle])
     recent = [report.text for report in fed.aided.events.recent(fed.aided.stamp_ns)]
-    assert any(re.match(r"depth: (outside the gate|repeats rejected measurements): off by \d", text) for text in recent)
+    assert any(
+        re.match(r"depth: (outside the gate|at fault, its fault is not over): off by \d", text) for text in recent
+    )
     fed.feed([event for event in events if event[0] >= middle])
     assert fed.aided.records["depth"].rejected == 60
     _, up = greatest(fed.since(DIVE))
@@ -120,7 +122,7 @@ JUMP = 50.0
 
 @pytest.mark.parametrize("jump", [0.0, JUMP])
 def test_surfacing(jump: float) -> None:
-    """Fixes return, right or with an error of tens of metres: accepted within 10, and the solution stays there."""
+    """Fixes return; where they have an error of tens of metres they are reported, and the solution stays right."""
     s = mission().redrawn(4)
     stamps = s.aids["gnss/fix"].stamps_ns
     gap = int(np.argmax(np.diff(stamps)))
@@ -136,17 +138,10 @@ def test_surfacing(jump: float) -> None:
     fed.feed([event for event in events if event[0] >= stamps[gap + 1]])
     returned = float(stamps[gap + 1] - s.start_ns) / NS
     rows = fed.since(returned + 10.0)
-    away = np.hypot(rows[:, 1] - jump, rows[:, 2])
     # 1 m of noise of a fix, of which the solution is a mean
-    assert len(rows) > 10 and away.max() < 3.0
-    # sigma covers the jump
-    assert (away / rows[:, 4]).max() < 3.5
-    accepted = [text for text in fed.reports if text.startswith("gnss/fix: accepted after")]
-    assert len(accepted) == (1 if jump else 0)
-    # the node that publishes jumps too; its map stays
-    east, north, _ = off(fed.ins, fed.ins.stamp_ns, s)
-    assert math.hypot(east - jump, north) < 3.0
+    assert len(rows) > 10 and np.hypot(rows[:, 1], rows[:, 2]).max() < 3.0
     assert fed.ins.map is before is not None
+    assert ("gnss at fault" in fed.counts) == bool(jump)
 
 
 INVALID = (-32.768, -32.768, -32.768)
@@ -155,7 +150,7 @@ CURRENT = (0.3, -0.2, 0.0)
 
 @pytest.mark.parametrize("ranges", [True, False])
 @pytest.mark.parametrize("output", ["water", "creeps", "marker", "two zeros"])
-def test_a_log_that_lost_the_bottom_for_longer_than_its_patience(output: str, ranges: bool) -> None:
+def test_a_log_that_lost_the_bottom_for_minutes(output: str, ranges: bool) -> None:
     """It changes to water track, freezes at some mm/s, or marks invalid velocities by a number or zeros."""
     s = mission().redrawn(1)
     begin, end = (s.start_ns + round(t * NS) for t in (200.0, 440.0))
@@ -204,6 +199,7 @@ def test_a_gap_in_a_turn_does_not_lock_the_log_out(gap: float) -> None:
     begin, end = (s.start_ns + round(t * NS) for t in (230.0, 230.0 + gap))
     events = [e for e in messages(s, ("range", "beacon")) if not (e[1] == "imu" and begin < e[0] < end)]
     fed = Fed(s).feed(events)
-    assert fed.aided.records["log"].rejected < 20
+    # level is wrong by more than its sigma after 2 s: until the vehicle turns the log may as well have failed
+    assert fed.aided.records["log"].rejected < 30
     across, up = greatest(fed.since(DIVE))
     assert across < 3.0 and up < 3.0

@@ -163,7 +163,8 @@ def test_services_use_samples_without_the_further_errors_of_the_imu() -> None:
     """Scale factors of 1000 ppm turn the Earth's rate into 7e-8 rad/s: 0.7 of a drift."""
     s = _short_drive("perfect")
     fed = Fed(replace(s, angular_velocity=1.001 * s.angular_velocity), SCALED).to(20.0)
-    fed.navigator.realtime._set_imu_errors((1e-3, 1e-3, 1e-3))
+    realtime = fed.navigator.realtime
+    realtime._compensate(realtime.gyro_bias, realtime.accel_bias, (1e-3, 1e-3, 1e-3))
     found = re.findall(r" ([+-][0-9.]+) ±", fed.to(105.0).call("zupt2"))
     # level is that of gravity; digits of the text
     np.testing.assert_allclose(np.array(found, float), DRIFT / DEG_PER_HOUR, atol=2e-4)
