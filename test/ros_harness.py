@@ -37,6 +37,8 @@ needs_ros = pytest.mark.skipif(find_spec("rclpy") is None, reason="rclpy is not 
 
 _TIMEOUT = 20.0  # s: a loaded machine takes some seconds to start Python and to discover
 
+signal.signal(signal.SIGHUP, signal.SIG_DFL)  # ignored under nohup, and by the processes that inherit it
+
 
 class Received(NamedTuple):
     """A message and when the probe received it, ns since the epoch."""
