@@ -370,11 +370,11 @@ class DelayedNavigator:
         for name, measure in self._stationary.add(self.settled_ns, before, raw, self.state, biases, self.filter.p):
             self._propagate()
             rate = without_bias(raw, *biases)[1:4]
-            measurement = measure(self.filter.solution(self.state, rate, self.gyro_bias), self.filter.p)
-            if self.settled_ns - self._aided_ns > _ALONE_NS and self.filter.admit(measurement):
+            measurement, gate = measure(self.filter.solution(self.state, rate, self.gyro_bias), self.filter.p)
+            if gate and self.settled_ns - self._aided_ns > _ALONE_NS and self.filter.admit(measurement):
                 text = f"{name}: the solution was wrong by more than its sigma, which is widened"
                 self.events.count("stops contradict the filter", WARN, text, self.settled_ns)
-            self._update(name, self.settled_ns, measurement)
+            self._update(name, self.settled_ns, measurement, gate)
 
     def _update(self, name: str, stamp_ns: int, measurement: Measurement, gate: float = GATE) -> bool:
         """Update the filter, correct the solution; whether the measurement was accepted."""

@@ -84,7 +84,7 @@ class StopCalibration(NamedTuple):
         h[1:, GYRO_BIAS] = np.eye(3)
         return Measurement(self._errors(solution, self.found), h, _by_heading(self.found), _CALIBRATED)
 
-    def new(self, solution: Solution, now: Array) -> Measurement:
+    def new(self, solution: Solution, now: Array) -> tuple[Measurement, float]:
         """As `measure`, without the information that the filter has from the same data (`without_known`).
 
         Parameters
@@ -113,13 +113,15 @@ def _by_heading(calibration: Calibration) -> Array:
     return calibration.covariance[np.ix_(order, order)] * np.outer(signs, signs)
 
 
+NO_GATE = 0.0
+"""Probability of rejection of a measurement whose consistency has been tested."""
 _LEAST_NEW, _NOTHING = 0.02, 1e-6
 """Share of a direction's information that must be new; the share that stands for less."""
 _EXACT = 1e-6
 """Variance over that of the measurement that counts as zero."""
 
 
-def without_known(measurement: Measurement, before: Array, now: Array, uncorrected: Array) -> Measurement:
+def without_known(measurement: Measurement, before: Array, now: Array, uncorrected: Array) -> tuple[Measurement, float]:
     """The part of a measurement that the filter does not have from the same data.
 
     The measurement covers a span of data. Other measurements of that span have changed estimate and covariance of
@@ -136,6 +138,13 @@ def without_known(measurement: Measurement, before: Array, now: Array, uncorrect
         Covariance of the filter when the span began, and at present; the first `SIZE` states count.
     uncorrected : ndarray, shape (m,)
         The innovation, had the filter not been corrected since the span began.
+
+    Returns
+    -------
+    Measurement
+    float
+        Its gate. Consistency is tested here, on the whole measurement: the difference of two estimates from the same
+        data is small, and its division by the new share is no innovation.
     """
     h, r = measurement.h, measurement.r
     root = np.linalg.cholesky(r)
@@ -145,7 +154,7 @@ def without_known(measurement: Measurement, before: Array, now: Array, uncorrect
     present, past = white @ measurement.innovation, white @ uncorrected
     squares = [z @ np.linalg.solve(p + np.eye(len(r)), z) for z, p in zip((past, present), known, strict=True)]
     if squares[1] > limit(len(r), GATE):
-        return measurement
+        return measurement, GATE
     if squares[0] > limit(len(r), GATE):
         known[0] *= squares[0] / len(r)
     floor = (_EXACT + 1e-15 * float(np.trace(known[0]))) * np.eye(len(r))
@@ -159,4 +168,4 @@ def without_known(measurement: Measurement, before: Array, now: Array, uncorrect
     z[~is_new], left[~is_new] = 0.0, _NOTHING
     spread = root @ axes
     widened: Array = (spread / left) @ spread.T
-    return measurement._replace(innovation=spread @ (z / left), r=widened)
+    return measurement._replace(innovation=spread @ (z / left), r=widened), NO_GATE

@@ -19,6 +19,7 @@ import numpy as np
 from ins_nav.alignment.gravity_cone import GravityCone
 from ins_nav.config.sections import AidingSection, ImuSection, ZuptSection
 from ins_nav.estimation.error_model import Array, Vector
+from ins_nav.estimation.innovation_gate import GATE
 from ins_nav.estimation.observation import Measurement, Solution
 from ins_nav.estimation.state_layout import GYRO_BIAS, HEADING, HORIZONTAL_VELOCITY, SIZE
 from ins_nav.event_log import INFO, EventLog
@@ -58,8 +59,8 @@ _ODDS = math.log(1e3)
 """Logarithm of the odds of rest, or of motion, that decide."""
 _NEVER_NS = 2**63
 
-Make = Callable[[Solution, Array], Measurement]
-"""Makes a measurement from the solution at the settled sample and the filter's covariance."""
+Make = Callable[[Solution, Array], tuple[Measurement, float]]
+"""Makes a measurement and its gate from the solution at the settled sample and the filter's covariance."""
 
 
 @dataclass
@@ -335,9 +336,9 @@ class StationaryUpdates:
         self._means.append((x - self._moved[0], y - self._moved[1]))
         stddev = self._sway()
 
-        def make(solution: Solution, _now: Array) -> Measurement:
+        def make(solution: Solution, _now: Array) -> tuple[Measurement, float]:
             mean = solution._replace(state=solution.state._replace(v_x=x, v_y=y, v_z=z))
-            return ZeroVelocity().measure(mean, stddev)
+            return ZeroVelocity().measure(mean, stddev), GATE
 
         return "zero velocity", make
 
@@ -361,13 +362,13 @@ class StationaryUpdates:
             return []
         m, turned, bias = result.measurement, record.turned, record.biases[0]
 
-        def make(solution: Solution, now: Array) -> Measurement:
+        def make(solution: Solution, now: Array) -> tuple[Measurement, float]:
             # the axes of the beginning, turned by the corrections of heading since then
             since = record.turn(state, solution.state, np.subtract(solution.gyro_bias, gyro_bias))
             stop = rebased(m, np.zeros(3), turned + since)
             measurement = ResidualRate(vertical).measure(solution, stop, bias)
             if vertical:
-                return measurement
+                return measurement, GATE
             corrected = stop.rot_sb @ np.subtract(solution.gyro_bias, bias)
             corrected[0] += m.horizontal_rate * (turned + since)
             return without_known(measurement, record.covariance, now, measurement.innovation + corrected)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from ins_nav.aiding.parameters import configuration
+from ins_nav.estimation.innovation_gate import GATE, limit
 from ins_nav.estimation.observation import Measurement
 from ins_nav.estimation.state_layout import GYRO_BIAS, HORIZONTAL_VELOCITY, SIZE
 from ins_nav.event_log import EventLog
@@ -103,7 +104,7 @@ def test_a_measurement_repeated_adds_nothing() -> None:
     m, before = _measurement(np.diag([1e-20, 4e-20, 9e-20])), _covariance(np.array([1e-16, 1e-16, 1e-18]))
     m = m._replace(innovation=np.array([1e-10, 2e-10, -3e-10]))
     now, x = _updated(before, m), _gain(before, m) @ m.innovation
-    again = without_known(m._replace(innovation=m.innovation - m.h @ x), before, now, m.innovation)
+    again, _ = without_known(m._replace(innovation=m.innovation - m.h @ x), before, now, m.innovation)
     np.testing.assert_array_equal(again.innovation, 0.0)
     # the share that stays
     np.testing.assert_allclose(_updated(now, again), now, rtol=1e-5, atol=1e-28)
@@ -117,7 +118,7 @@ def test_with_a_worse_measurement_of_the_same_data_it_counts_as_if_alone(factor:
     before, alone = _covariance(np.array([1e-16, 2e-16, 1e-18])), _measurement(r)._replace(innovation=better)
     x = _gain(before, _measurement(factor * r)) @ worse
     now = _updated(before, _measurement(factor * r))
-    new = without_known(alone._replace(innovation=better - alone.h @ x), before, now, better)
+    new, _ = without_known(alone._replace(innovation=better - alone.h @ x), before, now, better)
     # the floor of the inverse, 1e-6 of the noise, over the part that is new, a sixth at least
     np.testing.assert_allclose(_updated(now, new), _updated(before, alone), rtol=1e-4, atol=1e-25)
     found = x + _gain(now, new) @ new.innovation
@@ -127,15 +128,26 @@ def test_with_a_worse_measurement_of_the_same_data_it_counts_as_if_alone(factor:
 def test_a_contradicted_estimate_before_does_not_bias_the_present_one() -> None:
     """A drift has changed by 1000 of its sigmas, and the filter, widened, has followed."""
     m, before, step = _measurement(1e-20 * np.eye(3)), _covariance(np.full(3, 2e-18)), np.array([0.0, 0.0, 1.4e-6])
-    new = without_known(m, before, before, step)
+    new, gate = without_known(m, before, before, step)
     # 1e-10 is the sigma of the measurement
     np.testing.assert_allclose(new.innovation, 0.0, atol=1e-12)
     # before the filter has followed, its estimate is no information
-    new = without_known(m._replace(innovation=step), before, 0.5 * before, step)
+    new, gate = without_known(m._replace(innovation=step), before, 0.5 * before, step)
     np.testing.assert_array_equal(new.innovation, step)
+    assert gate == GATE  # the filter's, which rejects it or widens
+
+
+def test_the_gate_is_that_of_the_whole_measurement() -> None:
+    """Two estimates of the same data that differ by 1.5 of their sigmas agree, however little of them is new."""
+    m, before = _measurement(1e-20 * np.eye(3))._replace(innovation=np.full(3, 1.5e-10)), _covariance(np.full(3, 1e-16))
+    now = _covariance(np.full(3, 1.05e-20))
+    new, gate = without_known(m, before, now, m.innovation)
+    s = new.h @ now @ new.h.T + new.r
+    assert new.innovation @ np.linalg.solve(s, new.innovation) > limit(3, GATE)  # it would be rejected
+    assert gate == 0.0
 
 
 def test_what_another_process_has_widened_is_no_information() -> None:
     m, before = _measurement(1e-20 * np.eye(3)), _covariance(np.full(3, 1e-18))
-    new = without_known(m, before, 4.0 * before, np.zeros(3))
+    new, _ = without_known(m, before, 4.0 * before, np.zeros(3))
     np.testing.assert_allclose(new.r, m.r, rtol=1e-9)
