@@ -168,4 +168,5 @@ def without_known(measurement: Measurement, before: Array, now: Array, uncorrect
     z[~is_new], left[~is_new] = 0.0, _NOTHING
     spread = root @ axes
     widened: Array = (spread / left) @ spread.T
-    return measurement._replace(innovation=spread @ (z / left), r=widened), NO_GATE
+    # no innovation, and relative to what this filter knows: other filters do not process it
+    return measurement._replace(innovation=spread @ (z / left), r=widened, valid_within=0.0), NO_GATE
