@@ -21,7 +21,7 @@ from ins_nav.config.sections import (
 )
 
 _DETECTOR = "the stop detector's default is used; stop.vibration and stop.sway_deg_per_s describe the vehicle"
-_PATIENCE = "the aid's default is used; its gate and sigmas decide what is rejected"
+_PATIENCE = "rejected measurements no longer override the filter after a time: the odds of a fault decide"
 GONE: Mapping[str, str] = {
     "aiding.stops": "zupt.zero_velocity: false replaces zupt and none",
     "stop.window": _DETECTOR,

@@ -255,30 +255,19 @@ class ErrorFilter:
         """
         found = self.examine(aid, stamp_ns, measurement, gate)
         if found.accepted:
-            size = len(measurement.innovation)
-            h, r = self.design(aid, measurement), found.noise_factor * measurement.r
-            residual = np.array(found.innovation)
-            plain = square(residual, h @ self.p @ h.T + measurement.r)
-            self._noise = self._noise | {aid: self._noise.get(aid, NoiseEstimate()).including(plain, size)}
-            self.correct(h, r, residual)
+            self.accept(found, measurement)
         return found
 
-    def examine(
-        self,
-        aid: str,
-        stamp_ns: int,
-        measurement: Measurement,
-        gate: float = GATE,
-        accepted: bool | None = None,
-        reason: str = "",
-    ) -> Update:
-        """The record of a measurement, as of `update`, without an update.
+    def accept(self, found: Update, measurement: Measurement) -> None:
+        """Update with a measurement that `examine` has found within the gate; arguments as there."""
+        aid, size = found.aid, len(measurement.innovation)
+        h, residual = self.design(aid, measurement), np.array(found.innovation)
+        plain = square(residual, h @ self.p @ h.T + measurement.r)
+        self._noise = self._noise | {aid: self._noise.get(aid, NoiseEstimate()).including(plain, size)}
+        self.correct(h, found.noise_factor * measurement.r, residual)
 
-        Parameters
-        ----------
-        accepted : bool, optional
-            Decided otherwise than by the gate, for that reason.
-        """
+    def examine(self, aid: str, stamp_ns: int, measurement: Measurement, gate: float = GATE) -> Update:
+        """The record of a measurement, as of `update`, without an update."""
         innovation, size = measurement.innovation, len(measurement.innovation)
         if not measurement.finite:
             nothing = (math.nan,) * size
@@ -289,9 +278,8 @@ class ErrorFilter:
         s = h @ self.p @ h.T + factor * measurement.r
         sigma = tuple(math.sqrt(v) for v in s.diagonal().tolist())
         ratio = square(residual, s) / limit(size, gate)
-        if accepted is None:
-            accepted = ratio <= 1.0  # not above, nor too large to be a number
-            reason = "" if accepted else "outside the gate"
+        accepted = ratio <= 1.0  # not above, nor too large to be a number
+        reason = "" if accepted else "outside the gate"
         return Update(aid, stamp_ns, tuple(residual.tolist()), sigma, ratio, accepted, reason, factor)
 
     def design(self, aid: str, measurement: Measurement) -> Array:

@@ -71,7 +71,7 @@ _AGREED = 8
 _CONFIRMED = 4
 """Measurements that agree with each other, and not with the solution, without which it has not failed."""
 _REPEATED = 4
-"""Measurements of a source in a row, rejected by a solution that was taken for failed already, that end the episode."""
+"""Measurements of a source in a row, rejected by the filter of a failed solution, too, that begin a new episode."""
 _WIDE = (100.0, 10.0, math.radians(3.0))
 """Sigmas that a failed solution has beside its own: position, m, where no measurement shows a greater error, velocity,
 m/s, tilt and heading, rad."""
@@ -88,8 +88,8 @@ class Verdict(enum.Enum):
     """Change of the main filter with a measurement."""
 
     NONE = 0
-    HELD_BACK = 1
-    """The source is at fault, and nothing says that its fault is over: the measurement is not to be processed.
+    EXCLUDED = 1
+    """The source is at fault, and its fault is not over: the measurement is not to be processed.
 
     That the sigma of the solution grows does not make the error of the source smaller."""
     FAILED = 2
@@ -342,14 +342,14 @@ class FaultHypotheses:
         as_it_was, wide = (other, main) if episode.failed else (main, other)
         suspect = episode.suspects.get(name)
         rejected = not as_it_was.square <= gate
-        held_back = False
+        excluded = False
         if suspect is not None:
             offset = suspect.offset.likelihood(stamp_ns, as_it_was)
             over = as_it_was.likelihood - offset > DECIDED or suspect.offset.square(as_it_was.r) <= gate
-            held_back = not over
+            excluded = not over
             rival = max(offset, as_it_was.likelihood)  # the fault may be over
-            suspect.count += rejected or held_back
-            suspect.agreed = 0 if rejected or held_back else suspect.agreed + 1
+            suspect.count += rejected or excluded
+            suspect.agreed = 0 if rejected or excluded else suspect.agreed + 1
             if suspect.agreed >= _AGREED:
                 del episode.suspects[name]
         elif rejected:
@@ -361,14 +361,14 @@ class FaultHypotheses:
             rival = math.log(_SOURCE_FAULT) + (wide.likelihood if wide.valid else _log_spread(main.r))
         else:
             rival = as_it_was.likelihood
-        if rejected or held_back:
+        if rejected or excluded:
             episode.odds += min((stamp_ns - episode.rejected_ns) / NS, 1.0) / _FAULT_TIME
             episode.rejected_ns = stamp_ns
         if wide.valid:
             episode.odds += wide.likelihood - rival
         if wide.square <= gate and wide.valid and rejected:
             episode.confirmed += 1
-        if other.square <= gate and other.valid and not (episode.failed and held_back):
+        if other.square <= gate and other.valid and not (episode.failed and excluded):
             episode.other.correct(other.h, other.r, other.value)
         if not episode.failed and episode.odds > DECIDED and episode.confirmed >= _CONFIRMED:
             self._swap(episode)
@@ -387,7 +387,7 @@ class FaultHypotheses:
         quiet = not episode.suspects or stamp_ns - episode.rejected_ns > _FORGOTTEN_NS
         if quiet or (episode.failed and episode.odds > _CERTAIN):
             self._episode = None
-        return Verdict.HELD_BACK if held_back and not episode.failed else Verdict.NONE
+        return Verdict.EXCLUDED if excluded and not episode.failed else Verdict.NONE
 
     def _swap(self, episode: _Episode) -> None:
         """The main filter follows the other hypothesis."""

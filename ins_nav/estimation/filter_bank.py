@@ -3,6 +3,8 @@
 All have the propagation and the solution of the main filter in common; only that one corrects the solution.
 """
 
+from dataclasses import replace
+
 from ins_nav.estimation.error_filter import ErrorFilter
 from ins_nav.estimation.error_model import Array, ErrorModel
 from ins_nav.estimation.fault_hypotheses import FaultHypotheses, Verdict
@@ -12,7 +14,7 @@ from ins_nav.estimation.solution_separation import ProtectionLevel, SolutionSepa
 from ins_nav.mechanization.nav_state import NavState
 
 _REASONS = {
-    Verdict.HELD_BACK: "at fault, its fault is not over",
+    Verdict.EXCLUDED: "excluded, its fault is not over",
     Verdict.FAILED: "the solution had failed",
     Verdict.RESTORED: "the source is at fault, not the solution",
     Verdict.RECOVERED: "",
@@ -80,20 +82,22 @@ class FilterBank:
             Probability of rejecting a consistent measurement.
         """
         main, size = self.main, len(measurement.innovation)
+        update = main.examine(name, stamp_ns, measurement, gate)
         if not measurement.finite:
-            return main.update(name, stamp_ns, measurement, gate), Verdict.NONE
-        greatest, factor = limit(size, gate), main.noise_factor(name, size)
-        h, r = main.design(name, measurement), factor * measurement.r
+            return update, Verdict.NONE
+        greatest = limit(size, gate)
+        h, r = main.design(name, measurement), update.noise_factor * measurement.r
         self.separation.begin(source, stamp_ns)
         self.separation.renew(stamp_ns)
         verdict = self.hypotheses.weigh(source, f"{name}/{size}", stamp_ns, measurement, h, r, greatest)
-        if verdict is Verdict.NONE:
-            update = main.update(name, stamp_ns, measurement, gate)
-        else:
-            update = main.examine(name, stamp_ns, measurement, gate, verdict.replaced, _REASONS[verdict])
+        if verdict is not Verdict.NONE:
+            accepted = verdict.replaced and (verdict is not Verdict.RESTORED or source not in self.hypotheses.suspects)
+            update = replace(update, accepted=accepted, reason=_REASONS[verdict])
+        elif update.accepted:
+            main.accept(update, measurement)
         if verdict.replaced:
             self.separation.reset()
-        if verdict is not Verdict.HELD_BACK:
+        if verdict is not Verdict.EXCLUDED:
             self.separation.update(source, measurement, h, r, greatest)
         return update, verdict
 

@@ -25,7 +25,7 @@ class Measurement(NamedTuple):
     r: Array
     """(m, m), covariance of the noise."""
     direct: slice | None
-    """States measured directly, whose covariance grows when the aid overrides the filter; None: the aid's states."""
+    """States measured directly; None: those of the aid."""
     own: Array | None = None
     """(m, k): columns of the aid's states, then of those of other aids, in the order of ``shares``."""
     shares: tuple[str, ...] = ()

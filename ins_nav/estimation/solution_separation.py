@@ -45,8 +45,7 @@ _RENEWAL_NS = 60_000_000_000
 """ns: a filter that has lost the accuracy of the main one is replaced by one so old: a fault is found, or over, within
 that time."""
 _USELESS = 10.0
-"""Sigma of position, over that of the main filter, beyond which a filter tells nothing about the source it leaves out.
-"""
+"""Sigma of position, over that of the main filter, beyond which a filter does not observe faults of its source."""
 
 
 class ProtectionLevel(NamedTuple):
@@ -157,7 +156,7 @@ class SolutionSeparation:
                     each.correct(h, r, residual)
 
     def renew(self, stamp_ns: int) -> None:
-        """Replace filters that no longer tell anything about the source which they leave out."""
+        """Replace filters that no longer observe faults of the source which they leave out."""
         variance = _horizontal_variance(self._main.p)
         for source, one in self._without.items():
             if _horizontal_variance(one.filter.p) < _USELESS**2 * variance or self._contradiction(source) is not None:

@@ -40,7 +40,7 @@ def test_failure_during_dead_reckoning() -> None:
 
 
 @pytest.mark.parametrize("rate", [0.0, 0.1, 0.5])
-def test_fixes_that_jump_are_held_back(rate: float) -> None:
+def test_fixes_that_jump_are_excluded(rate: float) -> None:
     """40 s of fixes that jump by 30 m and drift, after a minute of good ones: the solution stays, also afterwards."""
     run = Run(bench(), standing(), 3, watched=True)
     for second in range(1, 151):
@@ -52,7 +52,7 @@ def test_fixes_that_jump_are_held_back(rate: float) -> None:
         if bad and second > 61:
             levels = run.bank.protection_level()
             assert levels.horizontal > np.hypot(*run.error(second)[:2])
-    assert all(verdict is Verdict.HELD_BACK for _, verdict in run.verdicts)
+    assert all(verdict is Verdict.EXCLUDED for _, verdict in run.verdicts)
     assert not run.bank.hypotheses.suspects
 
 

@@ -57,7 +57,7 @@ def test_a_faulty_gauge_is_reported_and_rejected(offset: float) -> None:
     fed.feed([event for event in events if event[0] < middle])
     recent = [report.text for report in fed.aided.events.recent(fed.aided.stamp_ns)]
     assert any(
-        re.match(r"depth: (outside the gate|at fault, its fault is not over): off by \d", text) for text in recent
+        re.match(r"depth: (outside the gate|excluded, its fault is not over): off by \d", text) for text in recent
     )
     fed.feed([event for event in events if event[0] >= middle])
     assert fed.aided.records["depth"].rejected == 60
